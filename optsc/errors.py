@@ -1,0 +1,51 @@
+"""What can go wrong at a border: each error says what is wrong, the value, and what would be right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class OptscError(Exception):
+    """Base of every error that this library raises on purpose."""
+
+
+class InvalidValue(OptscError, ValueError):
+    """A value from outside lies outside its valid range.
+
+    Args:
+        field: what the value is, as the caller knows it.
+        value: the offending value.
+        valid: the valid range, in words.
+    """
+
+    def __init__(self, field: str, value: object, valid: str) -> None:
+        self.field, self.value, self.valid = field, value, valid
+        super().__init__(f"{field} is {value!r}; valid: {valid}")
+
+
+class UnknownName(OptscError, LookupError):
+    """A name that nothing goes by, with the names that would have been valid."""
+
+    def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
+        self.kind, self.name, self.choices = kind, name, tuple(sorted(choices))
+        super().__init__(f"no {kind} named {name!r}; there are: {', '.join(self.choices) or 'none'}")
+
+
+class DamagedFile(OptscError):
+    """A file that cannot be read as what it claims to be."""
+
+    def __init__(self, path: object, reason: str) -> None:
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: {reason}")
+
+
+class Mismatch(OptscError):
+    """Two things that were made for different partners, such as a grasp set and another gripper."""
+
+    def __init__(self, what: str, made_for: object, used_with: object) -> None:
+        self.what, self.made_for, self.used_with = what, made_for, used_with
+        super().__init__(f"{what} was made for {made_for!r} and cannot be used with {used_with!r}")
+
+
+class SolverFailure(OptscError):
+    """A one-off computation outside the control loop that has no answer (the loop itself never raises)."""

@@ -1,0 +1,164 @@
+"""The arms that come with the library: an arm's description, a hand composed onto it, and sourced limits.
+
+Nothing is downloaded: descriptions come from the wheels of example-robot-data and pybullet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi, radians
+from pathlib import Path
+
+from numpy.typing import ArrayLike
+
+from optsc.errors import InvalidValue, UnknownName
+from optsc.robot import urdf
+from optsc.robot.gripper import PANDA_HAND, Gripper
+from optsc.robot.model import RobotModel, model_from_urdf
+
+_ROBOTS = ("example-robot-data", "robots")
+
+
+@dataclass(frozen=True, eq=False)
+class _Arm:
+    description: Callable[[], Path]
+    flange: str | None  # link that carries the hand; None where the description has one already
+    flange_xyz: tuple[float, float, float]
+    flange_rpy: tuple[float, float, float]
+    home: tuple[float, ...]
+    limits: dict[str, ArrayLike]
+    sources: dict[str, str]
+
+
+_PANDA = _Arm(
+    description=lambda: urdf.example_robot_data(*_ROBOTS, "panda_description", "urdf", "panda.urdf"),
+    flange=None,
+    flange_xyz=(0.0, 0.0, 0.0),
+    flange_rpy=(0.0, 0.0, 0.0),
+    home=(0.0, -pi / 4, 0.0, -3 * pi / 4, 0.0, pi / 2, pi / 4),
+    limits={
+        "lower": (-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973),
+        "upper": (2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973),
+        "velocity": (2.1750,) * 4 + (2.6100,) * 3,
+        "acceleration": (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0),
+        "jerk": (7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0),
+    },
+    sources={"all": "Franka Control Interface documentation, limits for the Panda"},
+)
+_UR5 = _Arm(
+    description=lambda: urdf.example_robot_data(*_ROBOTS, "ur_description", "urdf", "ur5_robot.urdf"),
+    flange="tool0",
+    flange_xyz=(0.0, 0.0, 0.0),
+    flange_rpy=(0.0, 0.0, 0.0),
+    home=(-0.2764, -1.7815, 1.5212, -1.3105, -pi / 2, -1.8472),
+    limits={
+        "velocity": (pi,) * 6,
+        "acceleration": (10.0,) * 6,
+        "jerk": (5000.0,) * 6,
+    },
+    sources={
+        "position": "the description of ROS-Industrial (elbow within half a turn, the others within one)",
+        "velocity": "Universal Robots, UR5 technical specifications: 180 deg/s",
+        "acceleration": "ours: the maker publishes none",
+        "jerk": "ours: the maker publishes none",
+    },
+)
+_IIWA = _Arm(
+    description=lambda: urdf.package_folder("pybullet_data", "kuka_iiwa", "model.urdf"),
+    flange="lbr_iiwa_link_7",
+    flange_xyz=(0.0, 0.0, 0.045),
+    flange_rpy=(0.0, 0.0, pi),  # so that the jaws point as the Panda's do in the same posture
+    home=(0.0, 0.0983, 0.0, -1.7997, 0.0, 1.2436, 0.0),
+    limits={
+        "lower": tuple(radians(-d) for d in (170, 120, 170, 120, 170, 120, 175)),
+        "upper": tuple(radians(d) for d in (170, 120, 170, 120, 170, 120, 175)),
+        "velocity": tuple(radians(d) for d in (85, 85, 100, 75, 130, 135, 135)),
+        "acceleration": (10.0,) * 7,
+        "jerk": (5000.0,) * 7,
+    },
+    sources={
+        "position": "KUKA, LBR iiwa 14 R820 data sheet",
+        "velocity": "KUKA, LBR iiwa 14 R820 data sheet",
+        "acceleration": "ours: the maker publishes none",
+        "jerk": "ours: the maker publishes none",
+    },
+)
+_XARM7 = _Arm(
+    description=lambda: urdf.example_robot_data(*_ROBOTS, "xarm_description", "urdf", "xarm7.urdf"),
+    flange="link_eef",
+    flange_xyz=(0.0, 0.0, 0.0),
+    flange_rpy=(0.0, 0.0, 0.0),
+    home=(0.0, -0.3858, 0.0, 1.1405, 0.0, 1.5263, 0.0),
+    limits={
+        "acceleration": (10.0,) * 7,
+        "jerk": (5000.0,) * 7,
+    },
+    sources={
+        "position": "the maker's own description (xarm_ros)",
+        "velocity": "the maker's own description (xarm_ros)",
+        "acceleration": "ours",
+        "jerk": "ours",
+    },
+)
+
+_ARMS = {"panda": _PANDA, "ur5": _UR5, "iiwa": _IIWA, "xarm7": _XARM7}
+
+ROBOT_NAMES: tuple[str, ...] = tuple(sorted(_ARMS))
+"""Names that `load_robot` knows."""
+
+
+def _composed(name: str, arm: _Arm) -> Path:
+    panda = _PANDA.description()
+    share = urdf.example_robot_data()
+    hand_root = urdf.with_absolute_meshes(urdf.read_urdf(panda), panda.parent, share)
+    source = arm.description()
+    root = urdf.with_absolute_meshes(urdf.read_urdf(source), source.parent, share)
+    # Soft limits repeat the hard ones, and some readers take an absent soft limit for zero.
+    root = urdf.without(root, "safety_controller")
+    if arm.flange is not None:
+        hand = urdf.subtree(hand_root, "panda_hand")
+        root = urdf.attach(root, arm.flange, hand, xyz=arm.flange_xyz, rpy=arm.flange_rpy)
+    return urdf.store(root, name)
+
+
+def load_robot(
+    name_or_urdf: str | Path,
+    tip: str | None = None,
+    *,
+    gripper: Gripper | None = None,
+    home: ArrayLike | None = None,
+    limits: dict[str, ArrayLike] | None = None,
+) -> RobotModel:
+    """Return an arm of the catalogue (see `ROBOT_NAMES`), or the one of a URDF file.
+
+    Args:
+        name_or_urdf: a catalogue name, or the path of a URDF file.
+        tip: the tool frame T; needed for a file, by default the gripper's for the catalogue.
+        gripper: the jaws at the tip of a URDF file's arm.
+        home: a posture (n,) [rad] in place of the catalogue's.
+        limits: limits that replace the catalogue's or the file's, see `model_from_urdf`; for example tighter
+            operational limits.
+
+    Raises:
+        UnknownName: no such robot or frame; the message lists those there are.
+        InvalidValue: no tip given for a file, or impossible limits.
+        DamagedFile: the file cannot be read.
+    """
+    name = str(name_or_urdf)
+    if name in _ARMS:
+        arm = _ARMS[name]
+        return model_from_urdf(
+            _composed(name, arm),
+            tip or "panda_hand_tcp",
+            name=name,
+            gripper=gripper or PANDA_HAND,
+            home=arm.home if home is None else home,
+            limits={**arm.limits, **(limits or {})},
+            sources=arm.sources,
+        )
+    if not name.endswith((".urdf", ".xml")) and not Path(name).exists():
+        raise UnknownName("robot", name, ROBOT_NAMES)
+    if tip is None:
+        raise InvalidValue("tip", tip, "the name of the tool frame in the URDF file")
+    return model_from_urdf(name, tip, gripper=gripper, home=home, limits=limits)

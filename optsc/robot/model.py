@@ -1,0 +1,192 @@
+"""A robot arm as the rest of the library sees it: kinematics up to one tool frame, limits, gripper."""
+
+from __future__ import annotations
+
+import copy
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike
+
+from optsc.errors import InvalidValue, UnknownName
+from optsc.geometry import Pose, rotation
+from optsc.geometry.rotation import Array
+from optsc.robot.gripper import Gripper
+from optsc.robot.limits import JointLimits
+from optsc.robot.urdf import read_urdf
+
+ACCELERATION_TIME = 0.2
+"""Where nobody states an acceleration limit: the time [s] from rest to the velocity limit (ours)."""
+JERK_TIME = 0.05
+"""Where nobody states a jerk limit: the time [s] from no acceleration to its limit (ours)."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """An arm of n moving joints between the world W and the tool frame T.
+
+    Attributes:
+        name: what it is called in the catalogue, or the description's own name.
+        urdf: path of the description, gripper included.
+        tip: name of the tool frame T: between the pads, z the approach axis, y the closing axis.
+        model: pinocchio model of the n arm joints; all others are locked. Treat as read-only.
+        limits: joint limits, each (n,).
+        home: a posture (n,) [rad] inside the limits.
+        gripper: the parallel jaws at the tip, if any.
+        sources: where each limit comes from, in words.
+    """
+
+    name: str
+    urdf: Path
+    tip: str
+    model: Any
+    limits: JointLimits
+    home: Array
+    gripper: Gripper | None = None
+    sources: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def n(self) -> int:
+        """Number of moving joints."""
+        return self.model.nv
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the moving joints in the order of q."""
+        return tuple(self.model.names)[1:]
+
+    @cached_property
+    def tip_id(self) -> int:
+        """Index of the tool frame in `model`."""
+        return self.model.getFrameId(self.tip)
+
+    @cached_property
+    def _data(self) -> Any:
+        return self.model.createData()
+
+    def checked(self, q: ArrayLike, field: str = "q") -> Array:
+        """Return a posture (..., n) from outside as floats; raise `InvalidValue` on a wrong shape or NaN."""
+        q = np.asarray(q, dtype=float)
+        if q.shape[-1:] != (self.n,) or not np.all(np.isfinite(q)):
+            raise InvalidValue(field, q.tolist(), f"finite, shape (..., {self.n}) [rad]")
+        return q
+
+    def forward(self, q: ArrayLike) -> Pose:
+        """Return X_WT for postures ``q`` (..., n)."""
+        q = self.checked(q)
+        matrices = np.array([self._placement(row) for row in q.reshape(-1, self.n)])
+        R = matrices[:, :3, :3].reshape(*q.shape[:-1], 3, 3)
+        return Pose(rotation.from_matrix(R), matrices[:, :3, 3].reshape(*q.shape[:-1], 3))
+
+    def _placement(self, q: Array) -> Array:
+        pinocchio.framesForwardKinematics(self.model, self._data, q)
+        return self._data.oMf[self.tip_id].homogeneous
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Return the Jacobian (6, n) of T at the posture ``q`` (n,): linear [m], then angular [rad], in W's axes."""
+        return pinocchio.computeFrameJacobian(
+            self.model, self._data, self.checked(q), self.tip_id, pinocchio.LOCAL_WORLD_ALIGNED
+        )
+
+    def random_posture(self, rng: np.random.Generator, shape: tuple[int, ...] = ()) -> Array:
+        """Return postures (*shape, n), uniform within the position limits."""
+        lower, upper = self.limits.sampling
+        return rng.uniform(lower, upper, size=(*shape, self.n))
+
+
+def _with_revolute_joints(root: Element) -> tuple[Element, set[str]]:
+    """Replace continuous joints by revolute ones: one number per joint, so that q and its rate have one shape."""
+    root, names = copy.deepcopy(root), set()
+    for joint in root.findall("joint"):
+        if joint.get("type") == "continuous":
+            names.add(joint.get("name", ""))
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            limit = ElementTree.SubElement(joint, "limit", effort="0") if limit is None else limit
+            limit.set("lower", "-1e6")
+            limit.set("upper", "1e6")
+    return root, names
+
+
+def _reduced(model: Any, tip: str, gripper: Gripper | None) -> Any:
+    """Lock every joint that does not move the tip; the gripper's own stand open."""
+    frame = model.frames[model.getFrameId(tip)]
+    arm = set(model.supports[frame.parentJoint])
+    locked = [i for i in range(1, model.njoints) if i not in arm]
+    q = np.clip(pinocchio.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
+    for i in locked:
+        if gripper is not None and model.names[i] in gripper.finger_joints:
+            q[model.joints[i].idx_q] = 0.5 * gripper.max_opening
+    return pinocchio.buildReducedModel(model, locked, q) if locked else model
+
+
+def _limits_of(model: Any, continuous: set[str], overrides: dict[str, ArrayLike]) -> JointLimits:
+    endless = np.array([name in continuous for name in list(model.names)[1:]])
+    velocity = np.asarray(overrides.get("velocity", model.upperVelocityLimit), dtype=float)
+    acceleration = np.asarray(overrides.get("acceleration", velocity / ACCELERATION_TIME), dtype=float)
+    return JointLimits(
+        lower=overrides.get("lower", np.where(endless, -np.inf, model.lowerPositionLimit)),  # type: ignore[arg-type]
+        upper=overrides.get("upper", np.where(endless, np.inf, model.upperPositionLimit)),  # type: ignore[arg-type]
+        velocity=velocity,
+        acceleration=acceleration,
+        jerk=overrides.get("jerk", acceleration / JERK_TIME),  # type: ignore[arg-type]
+    )
+
+
+def model_from_urdf(
+    path: str | Path,
+    tip: str,
+    *,
+    name: str | None = None,
+    gripper: Gripper | None = None,
+    home: ArrayLike | None = None,
+    limits: dict[str, ArrayLike] | None = None,
+    sources: dict[str, str] | None = None,
+) -> RobotModel:
+    """Return the arm that moves the frame ``tip`` of a URDF file.
+
+    Args:
+        path: the description. Its root link is the world frame W.
+        tip: the tool frame T.
+        name: what to call it; by default the description's own name.
+        gripper: the jaws at the tip, if any.
+        home: a posture (n,) [rad]; by default the middle of the limits.
+        limits: ``lower``, ``upper``, ``velocity``, ``acceleration``, ``jerk`` (n,) that replace the file's. Where
+            nobody states them, acceleration and jerk follow from `ACCELERATION_TIME` and `JERK_TIME`.
+        sources: where the limits come from, in words.
+
+    Raises:
+        DamagedFile: the file is missing or no robot description.
+        UnknownName: it has no frame ``tip``.
+        InvalidValue: a limit is missing or impossible, or ``home`` lies outside them.
+    """
+    path = Path(path)
+    root, continuous = _with_revolute_joints(read_urdf(path))
+    full = pinocchio.buildModelFromXML(ElementTree.tostring(root, encoding="unicode"))
+    frames = [f.name for f in full.frames]
+    if tip not in frames:
+        raise UnknownName("frame", tip, frames)
+    model = _reduced(full, tip, gripper)
+    if model.nv == 0 or model.nq != model.nv:
+        raise InvalidValue("joints between the root and " + tip, model.nv, "at least one, each of one degree of freedom")
+    joint_limits = _limits_of(model, continuous, dict(limits or {}))
+    posture = np.array(np.mean(joint_limits.sampling, axis=0) if home is None else home, dtype=float)
+    if posture.shape != (model.nv,) or not np.all(joint_limits.clip(posture) == posture):
+        raise InvalidValue("home", posture.tolist(), f"shape ({model.nv},), inside the position limits")
+    posture.flags.writeable = False
+    return RobotModel(
+        name=name or root.get("name", path.stem),
+        urdf=path,
+        tip=tip,
+        model=model,
+        limits=joint_limits,
+        home=posture,
+        gripper=gripper,
+        sources=dict(sources or {}),
+    )
