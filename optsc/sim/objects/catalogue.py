@@ -20,7 +20,7 @@ def _banana() -> Parts:
     sides, bend, radius_of_bend = 16, np.radians(110.0), 0.085
     s = np.linspace(-1.0, 1.0, 15)
     stem = np.where(s > 0.8, 0.0065, 0.0075)
-    radius = stem + (0.0180 - stem) * np.sqrt(np.clip(1.0 - np.abs(s) ** 3.5, 0.0, 1.0))
+    radius = stem + (0.0180 - stem) * np.sqrt(np.clip(1.0 - np.abs(s) ** 2.5, 0.0, 1.0))
     angle = 0.5 * bend * s
     outwards = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(s)], axis=-1)
     apothem = radius * np.cos(np.pi / sides)

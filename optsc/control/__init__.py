@@ -1,0 +1,1 @@
+"""Where the rooms meet: the servo, the modes, and the shared controller."""

@@ -1,0 +1,254 @@
+"""The servo: one pose target in, one safe joint command out, at every tick.
+
+    target ──► prediction ──► reference model ──► QP IK ──► joint guard ──► Command
+
+Every target passes the same third-order reference model, so that whatever changes upstream (a new sample, another
+control mode, the end of a time-out) the reference keeps its position, velocity and acceleration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optsc.errors import InvalidValue
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.geometry.scalar import Quaternion, Vector
+from optsc.ik import DifferentialIK, IkSettings, make_solver
+from optsc.operators import prediction
+from optsc.operators.prediction import PredictionSettings, Track
+from optsc.robot import RobotModel
+from optsc.robot.differential import reference_model
+from optsc.robot.kernels.kernel import build_kernel
+from optsc.robot.viable import Bound
+from optsc.shaping import JointGuard
+
+
+class Status(Enum):
+    """What a tick did; `Command.reason` says why, in words."""
+
+    FOLLOWING = "following"
+    LIMITED = "held back by a joint limit"
+    UNREACHABLE = "the target is out of reach"
+    STALE = "no new target for too long"
+    INVALID = "the target was refused"
+    STOPPING = "coming to rest"
+    HOLDING = "at rest"
+    UNSOLVED = "the solver found no motion"
+
+
+class Command(NamedTuple):
+    """One tick's joint command.
+
+    Attributes:
+        q, v, a: position, velocity and acceleration (n,) [rad, rad/s, rad/s^2]; a is the difference of v per tick.
+        status: what the tick did.
+        reason: why, in words; empty while following.
+        error: reference minus commanded tool pose (6,), in the tool frame [m, rad].
+        volume: Yoshikawa's index at the commanded posture.
+        iterations: of the solver.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    status: Status
+    reason: str
+    error: Array
+    volume: float
+    iterations: int
+
+
+@dataclass(frozen=True)
+class ServoSettings:
+    """How a target is followed.
+
+    Attributes:
+        bandwidth: of the reference model [rad/s]: higher follows more closely and passes on more of the noise.
+        largest_error: distance and angle to the target that count at most [m, rad]; with the bandwidth they bound the
+            speed of catching up to about largest_error * bandwidth / 3.
+        timeout: age of the newest target after which the arm comes to rest [s].
+        far: distance and angle to the reference beyond which a target counts as out of reach [m, rad].
+        prediction: how samples are carried on to the present.
+        ik: weights and gains of the quadratic program.
+    """
+
+    bandwidth: float = 80.0
+    largest_error: tuple[float, float] = (0.03, 0.1)
+    timeout: float = 0.1
+    far: tuple[float, float] = (0.05, 0.2)
+    prediction: PredictionSettings = field(default_factory=PredictionSettings)
+    ik: IkSettings = field(default_factory=IkSettings)
+
+    def __post_init__(self) -> None:
+        for name in ("bandwidth", "timeout"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidValue(name, value, "positive and finite")
+        for name in ("largest_error", "far"):
+            value = getattr(self, name)
+            if len(value) != 2 or not all(np.isfinite(x) and x > 0 for x in value):
+                raise InvalidValue(name, value, "two positive numbers [m, rad]")
+
+
+def critically_damped(bandwidth: float, period: float) -> Array:
+    """Return the exact step (3, 3) of e, e', e'' over ``period`` [s] under (d/dt + bandwidth)^3 e = 0.
+
+    The generator A + bandwidth I is nilpotent, so the exponential series ends after the second power.
+    """
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-(bandwidth**3), -3 * bandwidth**2, -3 * bandwidth]])
+    N = A + bandwidth * np.eye(3)
+    return exp(-bandwidth * period) * (np.eye(3) + N * period + 0.5 * period**2 * N @ N)
+
+
+class Servo:
+    """Follows a stream of pose targets within every joint limit.
+
+    Args:
+        robot: the arm.
+        rate: control rate [Hz]; `step` is called once per period.
+        settings: how a target is followed.
+        solver: name of the QP solver, see `optsc.ik.solver_names`.
+
+    Raises:
+        InvalidValue: a rate that is not positive.
+        UnknownName: no such solver.
+    """
+
+    def __init__(
+        self, robot: RobotModel, rate: float = 500.0, settings: ServoSettings | None = None, solver: str = "daqp"
+    ) -> None:
+        if not (np.isfinite(rate) and rate > 0):
+            raise InvalidValue("rate", rate, "positive and finite [Hz]")
+        self.robot, self.rate, self.period = robot, rate, 1.0 / rate
+        self.settings = settings or ServoSettings()
+        self.guard = JointGuard(robot.limits, self.period)
+        self.ik = DifferentialIK(robot, self.period, self.settings.ik, make_solver(solver))
+        self._model = build_kernel(reference_model())
+        self._reference, self._target, transition, largest, period = self._model.inputs
+        (self._next_reference,) = self._model.outputs
+        transition[:] = critically_damped(self.settings.bandwidth, self.period)
+        largest[:] = self.settings.largest_error
+        period[:] = self.period
+        self._at_rest = np.zeros(robot.n)
+        self.reset(robot.home)
+
+    def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
+        """Start from posture ``q`` (n,) [rad] and velocity ``v`` (n,) [rad/s]; raise `InvalidValue`."""
+        self.guard.reset(self.robot.checked(q), v)
+        self.ticks = 0
+        self._track: Track | None = None
+        self._stopped = True
+
+    @property
+    def time(self) -> float:
+        """Time since the reset [s], counted in ticks."""
+        return self.ticks * self.period
+
+    @property
+    def X_WT(self) -> Pose:
+        """The commanded tool pose."""
+        return self.robot.forward(self.guard.q)
+
+    @property
+    def reference(self) -> tuple[Vector, Quaternion]:
+        """Position and orientation that the tool is being led along; the commanded pose while stopped."""
+        if self._stopped:
+            X_WT = self.X_WT
+            return tuple(X_WT.translation.tolist()), tuple(X_WT.quaternion.tolist())
+        row = self._reference.tolist()
+        return tuple(row[:3]), tuple(row[3:7])  # type: ignore[return-value]
+
+    def _start(self) -> None:
+        """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""
+        q, v, _ = self.guard.state
+        X_WT, twist = self.robot.forward(q), self.robot.jacobian(q) @ v
+        self._reference[:] = np.concatenate([X_WT.translation, X_WT.quaternion, twist, np.zeros(6)])
+        self._stopped = False
+
+    def step(self, X_WT: Pose | None = None, stamp: float | None = None) -> Command:
+        """Move one tick and return its command; never raises on a bad target.
+
+        Args:
+            X_WT: a new target, or None when there is none at this tick: the last one is predicted on until it is
+                older than the time-out.
+            stamp: when the target was sampled [s], on the clock of `time`; now by default.
+        """
+        if X_WT is not None:
+            p, q = X_WT.translation.tolist(), X_WT.quaternion.tolist()
+            when = self.time if stamp is None else stamp
+            if len(p) != 3 or not abs(sum(p) + sum(q) + when) < 1e9:
+                return self._stop(Status.INVALID, "target is not one finite pose")
+            self.observe(tuple(p), tuple(q), when)  # type: ignore[arg-type]
+        track = self._track
+        if track is None:
+            return self._stop(Status.HOLDING, "no target yet")
+        age = self.time - track.stamp
+        if age > self.settings.timeout:
+            return self._stop(Status.STALE, f"newest target is {age:.3f} s old")
+        elapsed = age + self.period
+        horizon = self.settings.prediction.horizon
+        if elapsed <= horizon:
+            return self.track(*prediction.predicted(track, elapsed), track.v, track.w)
+        return self.track(*prediction.predicted(track, horizon), prediction.REST, prediction.REST)
+
+    def observe(self, p: Vector, q: Quaternion, stamp: float) -> None:
+        """Take in a target sampled at ``stamp`` [s]; finite and unit is the caller's promise."""
+        if self._track is None:
+            self._track = prediction.at_rest(p, q, stamp)
+        else:
+            self._track = prediction.updated(self.settings.prediction, self._track, p, q, stamp)
+
+    def forget(self) -> None:
+        """Drop the stream of targets: the next one starts a new track, at rest."""
+        self._track = None
+
+    def track(self, p: Vector, q: Quaternion, v: Vector, w: Vector) -> Command:
+        """Move one tick towards a target pose with its linear and angular velocity in W, at the end of the tick."""
+        if self._stopped:
+            self._start()
+        target, model = self._target, self._model
+        target[:] = (*p, *q, *v, *w)
+        model.run()
+        reference, guard = self._reference, self.guard
+        step = self.ik.solve(guard.q, reference[:7], self._next_reference[7:13], guard.lowest, guard.highest)
+        reference[:] = self._next_reference
+        if not step.solved:
+            return self._stop(Status.UNSOLVED, step.reason)
+        wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
+        status, reason = self._verdict(wanted, step.error)
+        state = guard.advance(wanted)
+        self.ticks += 1
+        return Command(*state, status, reason, step.error, step.volume, step.iterations)
+
+    def _verdict(self, wanted: Array, error: Array) -> tuple[Status, str]:
+        guard = self.guard
+        at_low, at_high = wanted <= guard.lowest, wanted >= guard.highest
+        if not (at_low | at_high).any():
+            return Status.FOLLOWING, ""
+        joint = int(np.argmax(at_low | at_high))
+        side = int(at_high[joint])
+        bound = Bound(int(guard.bounds[joint, side]))
+        reason = f"{self.robot.joint_names[joint]}: {bound.name.lower()}"
+        far = self.settings.far
+        if np.linalg.norm(error[:3]) > far[0] or np.linalg.norm(error[3:]) > far[1]:
+            return Status.UNREACHABLE, reason
+        return Status.LIMITED, reason
+
+    def stop(self) -> Command:
+        """Move one tick of a jerk-limited way to rest, or stay there."""
+        return self._stop(Status.HOLDING, "")
+
+    def _stop(self, status: Status, reason: str) -> Command:
+        self._stopped = True
+        state = self.guard.advance(self._at_rest)
+        self.ticks += 1
+        if status is Status.HOLDING and state.v.any():
+            status = Status.STOPPING
+        return Command(*state, status, reason, np.zeros(6), 0.0, 0)

@@ -1,0 +1,71 @@
+"""Where the pads would meet the object, and how well they would lie on it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.grasps.surface import Surface
+from optsc.robot.gripper import Gripper
+
+DENT = 0.001
+"""Depth [m] to which a rubber pad gives way: what lies within it of the outermost point carries load."""
+
+
+class PadContacts(NamedTuple):
+    """What the two pads find between them at each of K poses; zeros where there is nothing."""
+
+    width: Array
+    """Distance between the outermost points (K,) [m]: where the jaws stop."""
+    offset: Array
+    """Middle between the outermost points along the closing axis (K,) [m]."""
+    coverage: Array
+    """Share of the pad's area that carries load, of the pad with less (K,)."""
+    eccentricity: Array
+    """Distance of the load's middle from the pad's middle, in half pad sizes, of the worse pad (K,)."""
+    alignment: Array
+    """Cosine between closing axis and the load's mean normal, of the worse pad (K,)."""
+
+
+def pad_contacts(points_T: np.ndarray, surface: Surface, X_OG: Pose, gripper: Gripper, friction: float) -> PadContacts:
+    """Return the contacts when the jaws close at each of K poses.
+
+    Args:
+        points_T: the surface's points in the tool frames, (3, K, N), from `in_tool_frame`.
+        surface: the points' normals and areas.
+        X_OG: (K,) tool poses.
+        gripper: its pads are taken as rectangles about the tool's z-x plane.
+        friction: Coulomb coefficient; a point whose normal leaves the friction cone carries no load.
+    """
+    count = len(X_OG)
+    half = 0.5 * np.array([gripper.pad_size[0], gripper.max_opening, gripper.pad_size[1]], dtype=np.float32)
+    between = np.abs(points_T[0]) < half[0]
+    between &= np.abs(points_T[2]) < half[2]
+    between &= np.abs(points_T[1]) < half[1]
+    pose, point = np.nonzero(between)
+    x, y, z = points_T[:, pose, point]
+    highest, lowest = np.full((2, count), -np.inf, dtype=np.float32)
+    np.maximum.at(highest, pose, y)
+    np.maximum.at(lowest, pose, -y)
+    lowest = -lowest
+    closing_axis = X_OG.rotation_matrix()[:, :, 1]
+    cosine = np.einsum("pi,pi->p", surface.normals[point], closing_axis[pose])
+    area = surface.areas[point] / (gripper.pad_size[0] * gripper.pad_size[1])
+    sides = []
+    for near, along in ((y > highest[pose] - DENT, cosine), (y < lowest[pose] + DENT, -cosine)):
+        load = np.where(near & (along > 1.0 / np.hypot(1.0, friction)), area, 0.0)
+        total = np.bincount(pose, load, count)
+        mean = [np.bincount(pose, load * v, count) / np.maximum(total, 1e-12) for v in (x, z, along)]
+        sides.append((total, np.maximum(abs(mean[0]) / half[0], abs(mean[1]) / half[2]), mean[2]))
+    (a, a_off, a_cos), (b, b_off, b_cos) = sides
+    found = np.bincount(pose, minlength=count) > 0
+    return PadContacts(
+        width=np.where(found, highest - lowest, 0.0),
+        offset=np.where(found, 0.5 * (highest + lowest), 0.0),
+        coverage=np.minimum(1.0, np.minimum(a, b)),
+        eccentricity=np.maximum(a_off, b_off),
+        alignment=np.minimum(a_cos, b_cos),
+    )

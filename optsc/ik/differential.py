@@ -1,0 +1,136 @@
+"""Differential inverse kinematics: the joint velocity of the next tick as a quadratic program.
+
+    minimise  1/2 || W (J q' - V*) ||^2 + 1/2 w_p || q' - k_p (q_p - q) ||^2 + 1/2 d || q' ||^2
+    within    lowest <= q' <= highest,   and rows such as distances
+
+with V* = V + k e: the reference's twist, and its distance e from the present pose at a gain in 1/s. All in the tool
+frame, so that a weight belongs to one degree of freedom of the tool. The bounds come from outside (the viable
+interval of every joint), which keeps this room free of limits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optsc.errors import InvalidValue
+from optsc.geometry.rotation import Array
+from optsc.ik.solvers import QpSolver, Rows, make_solver
+from optsc.robot.differential import PoseTaskSettings, pose_task
+from optsc.robot.kernels.kernel import build_kernel
+from optsc.robot.model import RobotModel
+
+GAIN_PER_TICK = 0.3
+"""Share of an error that one tick may take back; more lets the discrete loop overshoot."""
+
+
+@dataclass(frozen=True)
+class IkSettings:
+    """Weights and gains of the quadratic program.
+
+    Attributes:
+        position_weight: per axis x, y, z of the tool [1/m]; zero leaves that direction free.
+        orientation_weight: about x, y, z of the tool [1/rad]; zero leaves that rotation free.
+        gain: how fast a pose error decays [1/s].
+        largest_error: distance and angle that count at most [m, rad]; bounds the speed of catching up.
+        posture_weight: weight of the posture task, small against the others [1].
+        posture_gain: how fast spare motion goes to the posture [1/s].
+        damping: weight on joint speed; bounds it near singularities [1].
+    """
+
+    position_weight: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    orientation_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
+    gain: float = 60.0
+    largest_error: tuple[float, float] = (0.03, 0.1)
+    posture_weight: float = 1e-4
+    posture_gain: float = 1.0
+    damping: float = 1e-5
+
+    def __post_init__(self) -> None:
+        for name in ("position_weight", "orientation_weight", "largest_error"):
+            value = getattr(self, name)
+            length = 2 if name == "largest_error" else 3
+            if len(value) != length or not all(np.isfinite(w) and w >= 0 for w in value):
+                raise InvalidValue(name, value, f"{length} finite numbers, none negative")
+        for name in ("gain", "posture_weight", "posture_gain", "damping"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidValue(name, value, "finite and not negative")
+        if self.damping + self.posture_weight <= 0:
+            raise InvalidValue("damping", self.damping, "positive where there is no posture task")
+
+    def vector(self, period: float) -> Array:
+        """Return the settings as `pose_task` reads them, for ticks of ``period`` [s]."""
+        s = np.zeros(PoseTaskSettings.SIZE)
+        s[PoseTaskSettings.WEIGHTS] = (*self.position_weight, *self.orientation_weight)
+        s[PoseTaskSettings.GAIN] = min(self.gain, GAIN_PER_TICK / period)
+        s[PoseTaskSettings.LARGEST_ERROR] = self.largest_error
+        s[PoseTaskSettings.POSTURE_WEIGHT] = self.posture_weight
+        s[PoseTaskSettings.POSTURE_GAIN] = self.posture_gain
+        s[PoseTaskSettings.DAMPING] = self.damping
+        return s
+
+
+class IkStep(NamedTuple):
+    """One tick's answer.
+
+    Attributes:
+        velocity: joint velocity of the next tick (n,) [rad/s]; meaningless unless solved.
+        solved: whether the solver found it; `reason` says otherwise why.
+        error: reference minus present tool pose (6,), in the tool frame [m, rad].
+        volume: volume of the manipulability ellipsoid at the present posture (Yoshikawa's index).
+        iterations: of the solver.
+    """
+
+    velocity: Array
+    solved: bool
+    error: Array
+    volume: float
+    iterations: int
+    reason: str
+
+
+@dataclass(eq=False)
+class DifferentialIK:
+    """Builds and solves one quadratic program per tick for ``robot`` at ticks of ``period`` [s]."""
+
+    robot: RobotModel
+    period: float
+    settings: IkSettings = field(default_factory=IkSettings)
+    solver: QpSolver = field(default_factory=make_solver)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.period) and self.period > 0):
+            raise InvalidValue("period", self.period, "positive [s]")
+        self._kernel = build_kernel(pose_task(self.robot))
+        self._q, self._reference, self._twist, self._posture, vector = self._kernel.inputs
+        vector[:] = self.settings.vector(self.period)
+        self._H, self._g, self._error, self._volume = self._kernel.outputs
+        self._posture[:] = self.robot.home
+
+    def prefer(self, posture: ArrayLike) -> None:
+        """Let spare motion go to ``posture`` (n,) [rad] from now on; raise `InvalidValue`."""
+        self._posture[:] = self.robot.checked(posture, "posture")
+
+    def solve(
+        self, q: Array, reference: Array, twist: Array, lowest: Array, highest: Array, rows: Rows | None = None
+    ) -> IkStep:
+        """Return the joint velocity of the next tick; never raises.
+
+        Args:
+            q: present posture (n,) [rad].
+            reference: pose of T in W as position and quaternion (7,).
+            twist: its linear and angular velocity (6,), in W.
+            lowest, highest: bounds of the answer (n,) [rad/s].
+            rows: further linear constraints on the answer.
+        """
+        self._q[:], self._reference[:], self._twist[:] = q, reference, twist
+        self._kernel.run()
+        # H is symmetric, so the column-major buffer is read as row-major without a copy.
+        solution = self.solver.solve(self._H.T, self._g, lowest, highest, rows)
+        return IkStep(
+            solution.x, solution.solved, self._error.copy(), float(self._volume[0]), solution.iterations, solution.reason
+        )

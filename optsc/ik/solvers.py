@@ -1,0 +1,151 @@
+"""Quadratic programs behind one interface: minimise 1/2 x'Hx + g'x within bounds and rows.
+
+A solver never raises in the loop: anything but a solution comes back as a failure with its reason.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from optsc.errors import UnknownName
+from optsc.geometry.rotation import Array
+
+ITERATION_LIMIT = 100
+"""A tick's problem needs a handful; without a cap ProxQP spends minutes on an infeasible or non-finite one."""
+
+
+class Rows(NamedTuple):
+    """Linear constraints lower <= matrix x <= upper: matrix (m, n), lower and upper (m,)."""
+
+    matrix: Array
+    lower: Array
+    upper: Array
+
+
+class QpSolution(NamedTuple):
+    """Minimiser x (n,), whether it is one, how many iterations it took, and otherwise why not."""
+
+    x: Array
+    solved: bool
+    iterations: int
+    reason: str = ""
+
+
+class QpSolver(Protocol):
+    """Solves one problem per call and may keep what helps with the next."""
+
+    name: str
+
+    def solve(self, H: Array, g: Array, lower: Array, upper: Array, rows: Rows | None = None) -> QpSolution:
+        """Return the minimiser of 1/2 x'Hx + g'x with lower <= x <= upper and ``rows``; never raises."""
+        ...
+
+
+class DaqpSolver:
+    """DAQP, a dual active-set method, called without an interface between: the quickest for an arm's few variables."""
+
+    def __init__(self) -> None:
+        import daqp
+
+        self.name = "daqp"
+        self._solve = daqp.solve
+        self._no_rows: dict[int, Array] = {}
+
+    def solve(self, H: Array, g: Array, lower: Array, upper: Array, rows: Rows | None = None) -> QpSolution:
+        """Return the minimiser; see `QpSolver`."""
+        n = len(g)
+        if rows is None:
+            matrix = self._no_rows.setdefault(n, np.zeros((0, n)))
+        else:
+            matrix = np.ascontiguousarray(rows.matrix)
+            lower, upper = np.concatenate([lower, rows.lower]), np.concatenate([upper, rows.upper])
+        x, _, flag, info = self._solve(H, g, matrix, upper, lower, primal_tol=1e-9, iter_limit=ITERATION_LIMIT)
+        if flag == 1 and x[0] == x[0]:
+            return QpSolution(x, True, info["iterations"])
+        return QpSolution(np.zeros(n), False, info["iterations"], f"daqp: exit flag {flag}")
+
+
+class ProxQpSolver:
+    """ProxQP as an object that lives as long as the controller and starts each problem from the last solution."""
+
+    def __init__(self) -> None:
+        import proxsuite
+
+        self.name = "proxqp"
+        self._proxqp = proxsuite.proxqp
+        self._problem: Any = None
+        self._size: tuple[int, int] = (0, 0)
+
+    def _new_problem(self, n: int, m: int) -> None:
+        problem = self._proxqp.dense.QP(n, 0, m, True)
+        problem.settings.eps_abs = 1e-9
+        problem.settings.eps_rel = 0.0
+        problem.settings.max_iter = problem.settings.max_iter_in = ITERATION_LIMIT
+        problem.settings.initial_guess = self._proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+        self._problem, self._size = problem, (n, m)
+
+    def solve(self, H: Array, g: Array, lower: Array, upper: Array, rows: Rows | None = None) -> QpSolution:
+        """Return the minimiser; see `QpSolver`."""
+        n, m = len(g), 0 if rows is None else len(rows.lower)
+        if not np.isfinite(H.sum() + g.sum() + lower.sum() + upper.sum()):
+            return QpSolution(np.zeros(n), False, 0, "proxqp: the problem is not finite")
+        C, c_low, c_high = (None, None, None) if rows is None else (rows.matrix, rows.lower, rows.upper)
+        if self._size != (n, m):
+            self._new_problem(n, m)
+            self._problem.init(H, g, None, None, C, c_low, c_high, lower, upper)
+        else:
+            self._problem.update(H=H, g=g, C=C, l=c_low, u=c_high, l_box=lower, u_box=upper)
+        self._problem.solve()
+        results = self._problem.results
+        if results.info.status == self._proxqp.PROXQP_SOLVED:
+            return QpSolution(np.array(results.x), True, int(results.info.iter))
+        self._size = (0, 0)  # start afresh: a failed result is no good start for the next problem
+        return QpSolution(np.zeros(n), False, int(results.info.iter), f"proxqp: {results.info.status}")
+
+
+class QpSolversBackend:
+    """Any solver that qpsolvers finds installed, by its name there."""
+
+    def __init__(self, name: str) -> None:
+        import qpsolvers
+
+        if name not in qpsolvers.available_solvers:
+            raise UnknownName("QP solver", name, solver_names())
+        self.name = name
+        self._qpsolvers = qpsolvers
+
+    def solve(self, H: Array, g: Array, lower: Array, upper: Array, rows: Rows | None = None) -> QpSolution:
+        """Return the minimiser; see `QpSolver`."""
+        G, h = None, None
+        if rows is not None:
+            G = np.vstack([rows.matrix, -rows.matrix])
+            h = np.concatenate([rows.upper, -rows.lower])
+        if not np.isfinite(H.sum() + g.sum() + lower.sum() + upper.sum()):
+            return QpSolution(np.zeros(len(g)), False, 0, f"{self.name}: the problem is not finite")
+        problem = self._qpsolvers.Problem(np.asarray(H), g, G, h, None, None, lower, upper)
+        try:
+            solution = self._qpsolvers.solve_problem(problem, solver=self.name)
+        # Backends raise types of their own for a failed problem; in the loop every one of them means "no solution".
+        except (self._qpsolvers.exceptions.QPError, ValueError, ArithmeticError, RuntimeError) as error:
+            return QpSolution(np.zeros(len(g)), False, 0, f"{self.name}: {error}")
+        if not solution.found or solution.x is None:
+            return QpSolution(np.zeros(len(g)), False, 0, f"{self.name}: no solution")
+        return QpSolution(np.asarray(solution.x, dtype=float), True, 0)
+
+
+def solver_names() -> tuple[str, ...]:
+    """Return the names that `make_solver` accepts on this machine."""
+    import qpsolvers
+
+    return tuple(sorted({"daqp", "proxqp", *qpsolvers.available_solvers}))
+
+
+def make_solver(name: str = "daqp") -> QpSolver:
+    """Return a solver: ``daqp`` and ``proxqp`` directly, every other through qpsolvers; raise `UnknownName`."""
+    if name == "daqp":
+        return DaqpSolver()
+    if name == "proxqp":
+        return ProxQpSolver()
+    return QpSolversBackend(name)

@@ -1,0 +1,150 @@
+"""Where a person would like the tool before letting the robot take over: the ready pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import atan2, cos, pi, radians, sin
+
+import numpy as np
+
+from optsc.errors import InvalidValue
+from optsc.geometry import Pose, rotation
+from optsc.geometry.rotation import Array
+
+
+@dataclass(frozen=True)
+class AimParameters:
+    """The ready poses that a person likes; every value ours, after how people reach for things on a table.
+
+    Attributes:
+        elevation: range of the approach's angle above the horizontal [rad].
+        azimuth: greatest angle about the vertical between the approach and the direction from the robot's
+            base to the object [rad]: never from behind the object.
+        distance: range of the distance from the tool to the object's middle [m].
+        roll: greatest turn of the closing axis out of the horizontal, about the tool's z axis [rad].
+        middle: height of an object's middle over the centre of its base [m].
+        clearance: distance that the tool keeps from the middles of other objects, if it can [m].
+        draws: how many ready poses are considered for it.
+        adjustment: how much of each range a renewed attempt may change [-].
+    """
+
+    elevation: tuple[float, float] = (radians(35.0), radians(90.0))
+    azimuth: float = radians(60.0)
+    distance: tuple[float, float] = (0.12, 0.20)
+    roll: float = radians(20.0)
+    middle: float = 0.05
+    clearance: float = 0.14
+    draws: int = 12
+    adjustment: float = 0.15
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("elevation", 0.0, 0.5 * pi), ("distance", 0.0, np.inf)):
+            a, b = getattr(self, name)
+            if not (low <= a <= b <= high and np.isfinite(b)):
+                raise InvalidValue(name, (a, b), f"lower, upper within {low} to {high}")
+        for name, high in (("azimuth", pi), ("roll", pi), ("clearance", np.inf), ("adjustment", 1.0)):
+            if not 0.0 <= getattr(self, name) <= high:
+                raise InvalidValue(name, getattr(self, name), f"0 to {high}")
+        if not np.isfinite(self.middle):
+            raise InvalidValue("middle", self.middle, "finite [m]")
+        if self.draws < 1:
+            raise InvalidValue("draws", self.draws, "1 or more")
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A ready pose relative to an object, so that it follows an object that is moved.
+
+    Attributes:
+        elevation: angle of the approach above the horizontal [rad]; pi/2 is from straight above.
+        azimuth: about the vertical, from the direction base-object [rad].
+        distance: tool to the object's middle [m].
+        roll: of the closing axis out of the horizontal [rad].
+        flipped: whether the jaws are exchanged, the same grasp for a parallel gripper.
+    """
+
+    elevation: float
+    azimuth: float
+    distance: float
+    roll: float
+    flipped: bool = False
+
+    def pose(self, X_WO: Pose, middle: float) -> Pose:
+        """Return the tool pose X_WT; the robot's base stands at the world's origin.
+
+        Tool z points at the object's middle, ``middle`` [m] above the centre of its base; tool y, the closing
+        axis, is horizontal but for the roll.
+        """
+        centre = X_WO.apply([0.0, 0.0, middle])
+        bearing = atan2(centre[1], centre[0]) + self.azimuth
+        ahead = np.array([cos(bearing), sin(bearing), 0.0])
+        z = cos(self.elevation) * ahead - np.array([0.0, 0.0, sin(self.elevation)])
+        y = np.array([-ahead[1], ahead[0], 0.0])
+        level = rotation.from_matrix(np.column_stack([np.cross(y, z), y, z]))
+        roll = self.roll + (pi if self.flipped else 0.0)
+        q = rotation.multiply(level, rotation.exp([0.0, 0.0, roll]))
+        return Pose(q, centre - self.distance * z)
+
+
+def draw_aim(
+    rng: np.random.Generator, X_WO: Pose, X_WT: Pose, others: Iterable[Pose], aims: AimParameters
+) -> Aim:
+    """Return a ready pose for the object at ``X_WO``, as a person with the tool at ``X_WT`` would choose it.
+
+    Of ``aims.draws`` random ones it is the first that keeps clear of the ``others``, on the way there and
+    once there, or the clearest if none does; the jaws are taken the way round that needs less turning.
+    """
+    middles = [X.apply([0.0, 0.0, aims.middle]) for X in others]
+    best = _random_aim(rng, aims)
+    best_clearance = _clearance(X_WT, best.pose(X_WO, aims.middle), middles)
+    for _ in range(aims.draws - 1):
+        if best_clearance >= aims.clearance:
+            break
+        aim = _random_aim(rng, aims)
+        clearance = _clearance(X_WT, aim.pose(X_WO, aims.middle), middles)
+        if clearance > best_clearance:
+            best, best_clearance = aim, clearance
+    return _with_nearer_jaws(best, X_WO, X_WT, aims)
+
+
+def adjust_aim(rng: np.random.Generator, aim: Aim, X_WO: Pose, X_WT: Pose, aims: AimParameters) -> Aim:
+    """Return ``aim`` changed a little within the ranges, as a person does for another attempt."""
+
+    def moved(value: float, low: float, high: float) -> float:
+        step = aims.adjustment * (high - low) * rng.uniform(-1.0, 1.0)
+        return min(max(value + step, low), high)
+
+    changed = Aim(
+        elevation=moved(aim.elevation, *aims.elevation),
+        azimuth=moved(aim.azimuth, -aims.azimuth, aims.azimuth),
+        distance=moved(aim.distance, *aims.distance),
+        roll=moved(aim.roll, -aims.roll, aims.roll),
+    )
+    return _with_nearer_jaws(changed, X_WO, X_WT, aims)
+
+
+def _random_aim(rng: np.random.Generator, aims: AimParameters) -> Aim:
+    return Aim(
+        elevation=rng.uniform(*aims.elevation),
+        azimuth=rng.uniform(-aims.azimuth, aims.azimuth),
+        distance=rng.uniform(*aims.distance),
+        roll=rng.uniform(-aims.roll, aims.roll),
+    )
+
+
+def _with_nearer_jaws(aim: Aim, X_WO: Pose, X_WT: Pose, aims: AimParameters) -> Aim:
+    both = [Aim(aim.elevation, aim.azimuth, aim.distance, aim.roll, flipped) for flipped in (False, True)]
+    turns = [float(rotation.angle(X_WT.quaternion, a.pose(X_WO, aims.middle).quaternion)) for a in both]
+    return both[0] if turns[0] <= turns[1] else both[1]
+
+
+def _clearance(X_WT: Pose, X_WR: Pose, middles: list[Array]) -> float:
+    """Return how near [m] the others' middles are to the way and to the gripper in its ready pose."""
+    if not middles:
+        return np.inf
+    # The first part of the way is left out: what stands beside the tool now is so for every ready pose.
+    way = X_WT.interpolate(X_WR, np.linspace(0.3, 1.0, 8)).translation
+    gripper = X_WR.apply(np.outer([0.0, -0.05, -0.10, -0.15], [0.0, 0.0, 1.0]))
+    points = np.concatenate([way, gripper])
+    return float(np.min(np.linalg.norm(points[:, None] - np.array(middles), axis=-1)))

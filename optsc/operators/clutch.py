@@ -1,0 +1,159 @@
+"""The clutch: how a hand's motion becomes the tool's, without a jump whenever the two are coupled anew.
+
+Position is always relative to the point of engagement (Chen et al. 2023, section II.A, equations 1 and 2, with the
+station's rotation that the text leaves out):
+
+    p_WT = p_WT,0 + scale R_WS (p_SH - p_SH,0)
+
+Orientation is either absolute, R_WT = R_WS R_SH, the paper's setting, where the mismatch at engagement fades out by
+SLERP (equation 3); or relative to the point of engagement, the practice elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, hypot, isfinite, log
+from typing import Literal, NamedTuple
+
+from optsc.errors import InvalidValue
+from optsc.geometry import scalar
+from optsc.geometry.rotation import checked
+from optsc.geometry.scalar import Quaternion, Vector
+
+
+@dataclass(frozen=True)
+class Slerp:
+    """How an orientation mismatch fades.
+
+    Attributes:
+        time_constant: of the decay [s]; independent of the rate.
+        largest_rate: bound of the angular speed that the fading adds [rad/s]. A constant interpolation factor alone
+            means a speed of several turns per second after a switch.
+        lagging: False lets only the mismatch of the moment of engagement fade, so that a moving hand is followed
+            without lag. True filters the orientation for ever, which is equation 3 of the paper to the letter.
+            With a hand at rest both are the same.
+    """
+
+    time_constant: float = 0.1
+    largest_rate: float = 1.0
+    lagging: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("time_constant", "largest_rate"):
+            if not getattr(self, name) > 0:
+                raise InvalidValue(name, getattr(self, name), "positive")
+
+    @classmethod
+    def paper(cls, alpha: float, sample_rate: float) -> Slerp:
+        """Return equation 3 of the paper: a constant factor ``alpha`` in (0, 1) per sample, unbounded in speed.
+
+        The factor is the share 1 - exp(-T / time_constant) of the way that one sample period T goes.
+        """
+        if not 0.0 < alpha < 1.0:
+            raise InvalidValue("alpha", alpha, "between 0 and 1")
+        if not (isfinite(sample_rate) and sample_rate > 0):
+            raise InvalidValue("sample_rate", sample_rate, "positive [Hz]")
+        return cls(-1.0 / (sample_rate * log(1.0 - alpha)), float("inf"), lagging=True)
+
+    def remaining(self, mismatch: Quaternion, elapsed: float) -> Quaternion:
+        """Return what is left of ``mismatch`` after ``elapsed`` [s]."""
+        vector = scalar.log(mismatch)
+        angle = hypot(*vector)
+        if angle < 1e-12 or elapsed <= 0.0:
+            return mismatch
+        left = max(angle * exp(-elapsed / self.time_constant), angle - self.largest_rate * elapsed)
+        scale = left / angle
+        return scalar.exp((vector[0] * scale, vector[1] * scale, vector[2] * scale))
+
+
+@dataclass(frozen=True)
+class ClutchSettings:
+    """How a hand's motion maps to the tool's.
+
+    Attributes:
+        R_WS: unit quaternion of the operator's station in the world; the paper's R_htc.
+        scale: tool displacement per hand displacement.
+        rotation_scale: tool rotation per hand rotation; needs relative orientation.
+        orientation: ``absolute`` (the paper) or ``relative``.
+        slerp: how the mismatch of an absolute orientation fades.
+    """
+
+    R_WS: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    scale: float = 1.0
+    rotation_scale: float = 1.0
+    orientation: Literal["absolute", "relative"] = "absolute"
+    slerp: Slerp = Slerp()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "R_WS", tuple(checked(self.R_WS, "R_WS").tolist()))
+        for name in ("scale", "rotation_scale"):
+            value = getattr(self, name)
+            if not (isfinite(value) and value > 0):
+                raise InvalidValue(name, value, "positive and finite")
+        if self.orientation not in ("absolute", "relative"):
+            raise InvalidValue("orientation", self.orientation, "absolute or relative")
+        if self.orientation == "absolute" and self.rotation_scale != 1.0:
+            raise InvalidValue("rotation_scale", self.rotation_scale, "1 where the orientation is absolute")
+
+
+class ClutchState(NamedTuple):
+    """What the clutch remembers between samples: the last hand, the last target, and what still fades.
+
+    Attributes:
+        hand_p, hand_q: hand in the world's axes at the last sample.
+        tool_p, tool_q: target of the tool at the last sample.
+        mismatch: rotation that still separates tool and hand, applied on the left of the hand's.
+        stamp: time of the last sample [s].
+    """
+
+    hand_p: Vector
+    hand_q: Quaternion
+    tool_p: Vector
+    tool_q: Quaternion
+    mismatch: Quaternion
+    stamp: float
+
+
+class Hand(NamedTuple):
+    """A hand's position and orientation in the station frame, and when it was there [s]."""
+
+    p: Vector
+    q: Quaternion
+    stamp: float
+
+
+def engage(settings: ClutchSettings, hand: Hand, tool_p: Vector, tool_q: Quaternion) -> ClutchState:
+    """Return the clutch coupled at the tool's present target, which therefore does not move."""
+    hand_p = scalar.rotate(settings.R_WS, hand.p)
+    hand_q = scalar.multiply(settings.R_WS, scalar.normalised(hand.q))
+    mismatch = scalar.multiply(tool_q, scalar.conjugate(hand_q))
+    return ClutchState(hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp)
+
+
+def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchState:
+    """Return the clutch after the hand has moved; `tool_p`, `tool_q` are the new target.
+
+    Steps are added up from sample to sample: the sum of the displacements is the paper's difference to the point
+    of engagement, and a scaled rotation stays continuous beyond half a turn.
+    """
+    hand_p = scalar.rotate(settings.R_WS, hand.p)
+    hand_q = scalar.multiply(settings.R_WS, scalar.normalised(hand.q))
+    k = settings.scale
+    tool_p = (
+        state.tool_p[0] + k * (hand_p[0] - state.hand_p[0]),
+        state.tool_p[1] + k * (hand_p[1] - state.hand_p[1]),
+        state.tool_p[2] + k * (hand_p[2] - state.hand_p[2]),
+    )
+    if settings.orientation == "relative":
+        turn = scalar.log(scalar.multiply(hand_q, scalar.conjugate(state.hand_q)))
+        r = settings.rotation_scale
+        tool_q = scalar.multiply(scalar.exp((turn[0] * r, turn[1] * r, turn[2] * r)), state.tool_q)
+        mismatch = state.mismatch
+    else:
+        mismatch = state.mismatch
+        if settings.slerp.lagging:
+            # The paper filters towards the hand's orientation: what the hand turned since adds to the mismatch.
+            mismatch = scalar.multiply(state.tool_q, scalar.conjugate(hand_q))
+        mismatch = settings.slerp.remaining(mismatch, hand.stamp - state.stamp)
+        tool_q = scalar.multiply(mismatch, hand_q)
+    return ClutchState(hand_p, hand_q, tool_p, scalar.normalised(tool_q), mismatch, hand.stamp)

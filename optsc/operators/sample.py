@@ -1,0 +1,90 @@
+"""What an operator hands in at one instant, what the operator sees, and the border check between the two."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import NamedTuple, Protocol
+
+from optsc.geometry import Pose
+
+UNIT_TOLERANCE = 1e-3
+"""How far the norm of a device's quaternion may be from one [-].
+
+Wide enough for single precision and for the three or four decimals of a text file, narrow enough to catch a
+quaternion that was never filled in, was averaged component by component, or is no quaternion at all.
+"""
+
+POSITION_RANGE = 1e3
+"""How far from the station's origin a hand can be [m]: beyond it a number is a fault, not a place."""
+
+
+class OperatorSample(NamedTuple):
+    """One reading of the operator's hand.
+
+    Attributes:
+        stamp: when the hand was there [s], on the clock of `OperatorView.time`.
+        X_SH: hand H in the operator's station frame S.
+        clutch: True while the hand is coupled to the arm.
+        trigger: its rising edge changes over between manual and automatic.
+    """
+
+    stamp: float
+    X_SH: Pose
+    clutch: bool = True
+    trigger: bool = False
+
+
+class OperatorView(NamedTuple):
+    """What the operator sees at one instant.
+
+    Attributes:
+        time: now [s].
+        X_WT: the arm's tool in the world.
+        automatic: whether the arm is approaching by itself.
+        finished: whether the task is done.
+        objects: pose of each object in the world.
+    """
+
+    time: float
+    X_WT: Pose
+    automatic: bool
+    finished: bool
+    objects: Mapping[str, Pose]
+
+
+class Operator(Protocol):
+    """Anything that moves a hand: a device, a recording, a simulated person."""
+
+    def read(self, view: OperatorView) -> OperatorSample | None:
+        """Return the newest sample; None when there is none since the last call."""
+        ...
+
+
+def fault_of(sample: OperatorSample, previous_stamp: float | None) -> str | None:
+    """Return what is wrong with ``sample``, in words, or None when it can be used.
+
+    Refused are: a stamp that is not finite or earlier than ``previous_stamp`` (None before the first sample),
+    a position that is not finite or beyond `POSITION_RANGE`, an orientation that is not finite or not of unit
+    norm within `UNIT_TOLERANCE`, and a batch of poses. An equal stamp is no fault: it is a tracker that
+    stands still, which is a matter of the sample's age.
+
+    Called at every control tick: it never raises on a well-typed sample and costs about a microsecond,
+    which is why it compares plain floats instead of arrays.
+    """
+    stamp, X_SH = sample.stamp, sample.X_SH
+    if not isfinite(stamp):
+        return f"stamp is {stamp}, not a time"
+    if previous_stamp is not None and stamp < previous_stamp:
+        return f"stamp {stamp:.6f} s is earlier than the one before, {previous_stamp:.6f} s"
+    if X_SH.translation.ndim != 1:
+        return f"hand pose is a batch of shape {X_SH.shape}, not one pose"
+    x, y, z = X_SH.translation.tolist()
+    # Squares in plain floats overflow to infinity and carry NaN, so one comparison catches all three.
+    if not x * x + y * y + z * z <= POSITION_RANGE * POSITION_RANGE:
+        return f"hand position is ({x:.6g}, {y:.6g}, {z:.6g}) m, not finite or beyond {POSITION_RANGE:g} m"
+    w, i, j, k = X_SH.quaternion.tolist()
+    square = w * w + i * i + j * j + k * k
+    if not (1.0 - UNIT_TOLERANCE) ** 2 <= square <= (1.0 + UNIT_TOLERANCE) ** 2:
+        return f"hand orientation is ({w:.6g}, {i:.6g}, {j:.6g}, {k:.6g}), not a unit quaternion"
+    return None

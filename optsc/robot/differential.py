@@ -1,0 +1,144 @@
+"""The arithmetic of one differential IK tick as CasADi functions: reference model and quadratic cost.
+
+Both are smooth arithmetic without decisions of their own; the rooms above give the settings and read the results.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi
+
+from optsc.robot.kernels.kinematics import chain
+from optsc.robot.model import RobotModel
+
+
+class PoseTaskSettings(NamedTuple):
+    """Layout of the settings vector of `pose_task`; see `optsc.ik.differential` for meaning and units."""
+
+    SIZE = 13
+    WEIGHTS = slice(0, 6)
+    GAIN = slice(6, 8)
+    LARGEST_ERROR = slice(8, 10)
+    POSTURE_WEIGHT = 10
+    POSTURE_GAIN = 11
+    DAMPING = 12
+
+
+def _multiply(a: casadi.SX, b: casadi.SX) -> casadi.SX:
+    w = a[0] * b[0] - casadi.dot(a[1:], b[1:])
+    return casadi.vertcat(w, a[0] * b[1:] + b[0] * a[1:] + casadi.cross(a[1:], b[1:]))
+
+
+def _conjugate(q: casadi.SX) -> casadi.SX:
+    return casadi.vertcat(q[0], -q[1:])
+
+
+def _exp(v: casadi.SX) -> casadi.SX:
+    """Quaternion of a rotation vector; the series of sin(x)/x below 1e-4 keeps all digits."""
+    square = casadi.dot(v, v)
+    half = 0.5 * casadi.sqrt(square + 1e-300)
+    scale = casadi.if_else(square < 1e-8, 0.5 - square / 48.0, 0.5 * casadi.sin(half) / half)
+    return casadi.vertcat(casadi.cos(half), scale * v)
+
+
+def _log(q: casadi.SX) -> casadi.SX:
+    """Shortest rotation vector of a unit quaternion; exact for small angles, at most pi long."""
+    q = casadi.if_else(q[0] < 0, -q, q)
+    sine = casadi.sqrt(casadi.dot(q[1:], q[1:]) + 1e-300)
+    scale = casadi.if_else(sine < 1e-9, 2.0, 2.0 * casadi.atan2(sine, q[0]) / sine)
+    return scale * q[1:]
+
+
+def _quaternion_to_matrix(q: casadi.SX) -> casadi.SX:
+    w, x, y, z = (q[i] for i in range(4))
+    return casadi.vertcat(
+        casadi.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        casadi.horzcat(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        casadi.horzcat(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def _at_most(v: casadi.SX, length: casadi.SX) -> casadi.SX:
+    return v * casadi.fmin(1.0, length / casadi.sqrt(casadi.dot(v, v) + 1e-300))
+
+
+def reference_model() -> casadi.Function:
+    """Return one step of the third-order model that turns a stream of targets into a smooth reference.
+
+    Inputs: reference (19) = p, quaternion, v, w, dv/dt, dw/dt; target (13) = p, quaternion, v, w at the end of the
+    step; transition (3, 3), the exact step of error, rate and acceleration; largest errors (2) [m, rad], the distance
+    to the target that counts at most, which bounds the speed of catching up; period [s].
+    Output: the next reference (19). All in W.
+
+    The error obeys (d/dt + omega)^3 e = 0: critically damped, so it does not overshoot a resting target, and
+    without lag for a target of constant velocity.
+    """
+    r, t = casadi.SX.sym("reference", 19), casadi.SX.sym("target", 13)
+    transition, largest = casadi.SX.sym("transition", 3, 3), casadi.SX.sym("largest", 2)
+    period = casadi.SX.sym("period")
+    p, q, v, w, a, b = r[0:3], r[3:7], r[7:10], r[10:13], r[13:16], r[16:19]
+    target_p, target_q, target_v, target_w = t[0:3], t[3:7], t[7:10], t[10:13]
+    # Where the target was at the start of this step: the error then follows its own free motion.
+    e_p = p - (target_p - period * target_v)
+    e_r = _log(_multiply(q, _conjugate(_multiply(_exp(-period * target_w), target_q))))
+    e_p_near, e_r_near = _at_most(e_p, largest[0]), _at_most(e_r, largest[1])
+    linear = transition @ casadi.vertcat(e_p_near.T, (v - target_v).T, a.T)
+    angular = transition @ casadi.vertcat(e_r_near.T, (w - target_w).T, b.T)
+    next_p = target_p + (e_p - e_p_near) + linear[0, :].T
+    next_q = _multiply(_exp((e_r - e_r_near) + angular[0, :].T), target_q)
+    next_q = next_q / casadi.sqrt(casadi.dot(next_q, next_q))
+    next_v, next_w = target_v + linear[1, :].T, target_w + angular[1, :].T
+    step = casadi.vertcat(next_p, next_q, next_v, next_w, linear[2, :].T, angular[2, :].T)
+    return casadi.Function("reference_model", [r, t, transition, largest, period], [casadi.densify(step)])
+
+
+def pose_task(robot: RobotModel) -> casadi.Function:
+    """Return the quadratic cost of one tick in the joint velocity.
+
+    Inputs: q (n); reference (7) = p, quaternion of T in W; twist (6), linear over angular, in W; posture (n); settings
+    (13), see `PoseTaskSettings`. Outputs: H (n, n) and g (n) of 1/2 v'Hv + g'v; pose error (6), reference minus
+    present, in T's axes [m, rad]; sqrt(det(J J')) or, below six joints, sqrt(det(J'J)).
+    """
+    n = robot.n
+    q, posture = casadi.SX.sym("q", n), casadi.SX.sym("posture", n)
+    reference, twist = casadi.SX.sym("reference", 7), casadi.SX.sym("twist", 6)
+    s = casadi.SX.sym("settings", PoseTaskSettings.SIZE)
+    R, p, J = chain(robot, q)
+    error = casadi.vertcat(R.T @ (reference[0:3] - p), _rotation_error(R, reference[3:7]))
+    gain, largest = s[PoseTaskSettings.GAIN], s[PoseTaskSettings.LARGEST_ERROR]
+    pull = casadi.vertcat(gain[0] * _at_most(error[:3], largest[0]), gain[1] * _at_most(error[3:], largest[1]))
+    wanted = casadi.vertcat(R.T @ twist[:3], R.T @ twist[3:]) + pull
+    tool_J = casadi.vertcat(R.T @ J[:3, :], R.T @ J[3:, :])
+    weight = s[PoseTaskSettings.WEIGHTS]
+    weighted_J = casadi.repmat(weight, 1, n) * tool_J
+    posture_weight = s[PoseTaskSettings.POSTURE_WEIGHT]
+    H = weighted_J.T @ weighted_J + (posture_weight + s[PoseTaskSettings.DAMPING]) * casadi.SX.eye(n)
+    homeward = s[PoseTaskSettings.POSTURE_GAIN] * (posture - q)
+    g = -weighted_J.T @ (weight * wanted) - posture_weight * homeward
+    gram = tool_J @ tool_J.T if n >= 6 else tool_J.T @ tool_J
+    volume = casadi.sqrt(_determinant(gram))
+    outputs = [casadi.densify(x) for x in (H, g, error, volume)]
+    return casadi.Function("pose_task", [q, reference, twist, posture, s], outputs)
+
+
+def _rotation_error(R: casadi.SX, quaternion: casadi.SX) -> casadi.SX:
+    """Rotation vector from R to ``quaternion``, in R's own axes: the logarithm of R' R_reference."""
+    E = R.T @ _quaternion_to_matrix(quaternion)
+    axis = 0.5 * casadi.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1])
+    sine = casadi.sqrt(casadi.dot(axis, axis) + 1e-300)
+    cosine = 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)
+    angle = casadi.atan2(sine, cosine)
+    # Near half a turn the antisymmetric part vanishes; its direction then still points the right way, and the
+    # length is bounded by the caller's largest error.
+    return casadi.if_else(sine < 1e-9, axis, (angle / sine) * axis)
+
+
+
+def _determinant(gram: casadi.SX) -> casadi.SX:
+    """Determinant of a symmetric positive matrix by LDL': far shorter code than the expansion by minors."""
+    D, _, _ = casadi.ldl(gram)
+    result = casadi.SX(1)
+    for i in range(D.numel()):
+        result = result * casadi.fmax(D[i], 0.0)
+    return result

@@ -1,0 +1,103 @@
+"""From generated C to a shared library in the per-user cache.
+
+A library's file name carries the hash of everything that determines it (source, compiler, flags) and the hash of
+its own content. One file is one fact: it is moved into place whole, so two processes may build the same one at once,
+and a truncated one is recognised before it is loaded and built anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import tempfile
+import warnings
+from functools import lru_cache
+from pathlib import Path
+
+from optsc.robot.cache import cache_directory, write_atomically
+
+FLAGS = ("-O2", "-fPIC", "-shared", "-fno-math-errno", "-w")
+"""No instruction set beyond the platform's base, because caches are shared between machines; IEEE arithmetic."""
+
+TIME_LIMIT = 300.0
+"""Seconds after which a compiler counts as broken."""
+
+
+def compiler() -> str | None:
+    """Return the command of the C compiler that kernels are built with, or None where they run interpreted.
+
+    ``OPTSC_COMPILER`` in the environment names one, or is ``none``; otherwise ``CC``, then cc, gcc and clang are
+    looked for.
+    """
+    wanted = os.environ.get("OPTSC_COMPILER", "").strip()
+    if wanted.lower() == "none":
+        return None
+    for command in (wanted,) if wanted else (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        words = shlex.split(command)
+        if words and shutil.which(words[0]):
+            return command
+    return None
+
+
+@lru_cache(maxsize=8)
+def compiler_version(command: str) -> str | None:
+    """Return the first line of what ``command --version`` says, or None when it does not run."""
+    try:
+        done = subprocess.run([*shlex.split(command), "--version"], capture_output=True, text=True, timeout=30)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.partition("\n")[0] if done.returncode == 0 else None
+
+
+def _compile(command: str, source: str) -> bytes | None:
+    """Return the content of the shared library made of ``source``, or None, with a warning, when that fails."""
+    with tempfile.TemporaryDirectory(prefix="optsc-kernel-") as folder:
+        Path(folder, "kernel.c").write_text(source)
+        # Relative names and the folder as working directory: the same source gives the same bytes.
+        arguments = [*shlex.split(command), *FLAGS, "kernel.c", "-o", "kernel.so", "-lm"]
+        try:
+            done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, timeout=TIME_LIMIT)
+            if done.returncode == 0:
+                return Path(folder, "kernel.so").read_bytes()
+            reason = done.stderr.strip()[-500:]
+        except (OSError, subprocess.TimeoutExpired) as error:
+            reason = str(error)
+    warnings.warn(f"{command} cannot build a kernel, which runs interpreted: {reason}", RuntimeWarning, stacklevel=4)
+    return None
+
+
+def _sound(path: Path, digest: str) -> bool:
+    """Tell whether a library is ours and holds what its name says: loading anything else could end the process."""
+    try:
+        content = path.read_bytes()
+        return path.stat().st_uid == os.getuid() and hashlib.sha256(content).hexdigest().startswith(digest)
+    except OSError:
+        return False
+
+
+def shared_library(name: str, source: str) -> Path | None:
+    """Return the path of the shared library of C code ``source``, built unless it is in the cache already.
+
+    None means that there is no working compiler; a compiler that fails warns with what it said.
+    """
+    command = compiler()
+    version = compiler_version(command) if command else None
+    if command is None or version is None:
+        return None
+    recipe = "\0".join((source, command, version, " ".join(FLAGS), platform.platform(), platform.machine()))
+    key = hashlib.sha256(recipe.encode()).hexdigest()[:24]
+    folder = cache_directory("kernels")
+    for path in sorted(folder.glob(f"{name}-{key}-*.so")):
+        if _sound(path, path.stem.rpartition("-")[2]):
+            return path
+        path.unlink(missing_ok=True)
+    content = _compile(command, source)
+    if content is None:
+        return None
+    path = folder / f"{name}-{key}-{hashlib.sha256(content).hexdigest()[:24]}.so"
+    write_atomically(path, content)
+    return path

@@ -1,0 +1,158 @@
+"""The viable interval: which joint accelerations at this tick leave a way to keep every limit for ever.
+
+One joint at a time. Its state at a tick is (q, v, a), and the choice is the acceleration a' of the next tick:
+
+    v' = v + dt a',    q' = q + dt (v + v') / 2,    jerk = (a' - a) / dt.
+
+An a' is viable when the state it leads to can be braked to rest inside all limits, with the jerk and
+acceleration limits of the joint. The derivation, with a picture, is in docs/viable-interval.md. Related work:
+A. Del Prete, "Joint position and velocity bounds in discrete-time acceleration/torque control of robot
+manipulators", RA-L 2018 (position, velocity and acceleration; the jerk limit is added here).
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from functools import lru_cache
+
+import casadi
+
+BISECTIONS = 44
+"""Halvings of the interval; enough that its end is exact to rounding."""
+OUTSIDE = 1e-9
+"""A joint this far [rad] beyond a position limit counts as having started outside it."""
+RETURN_RATE = 5.0
+"""Speed of return from outside a position limit, per distance [1/s] (ours)."""
+RETURN_INSET = 1e-3
+"""How far inside [rad] the return aims, so that it ends in finite time (ours)."""
+
+
+class Bound(IntEnum):
+    """Which limit closes an end of the viable interval."""
+
+    JERK = 0
+    ACCELERATION = 1
+    VELOCITY = 2
+    POSITION = 3
+
+
+def _stopping_distance(v: casadi.SX, a: casadi.SX, A: casadi.SX, J: casadi.SX) -> casadi.SX:
+    """Return how far (>= 0) a joint still moves upwards when it brakes to rest as fast as A and J allow.
+
+    Time-optimal stop: jerk -J down to the deceleration a_p (at most A), hold, jerk +J up to rest.
+    """
+    a_p = casadi.fmin(casadi.sqrt(casadi.fmax(J * v + 0.5 * a * a, 0.0)), A)
+    t1 = casadi.fmax((a + a_p) / J, 0.0)
+    x1 = t1 * (v + t1 * (0.5 * a - t1 * J / 6.0))
+    v1 = v + t1 * (a - 0.5 * J * t1)
+    t_hold = casadi.fmax((v1 - 0.5 * a_p * a_p / J) / A, 0.0)
+    x_hold = t_hold * (v1 - 0.5 * A * t_hold)
+    x_end = a_p**3 / (6.0 * J * J)
+    braking = casadi.fmax(x1 + x_hold + x_end, 0.0)
+    # Already decelerating more than the stop needs: the joint turns round before its jerk-limited rest.
+    t_turn = 2.0 * v / (-a + casadi.sqrt(casadi.fmax(a * a - 2.0 * J * v, 0.0)) + 1e-300)
+    turning = t_turn * (v + t_turn * (0.5 * a + t_turn * J / 6.0))
+    needs_braking = v + a * casadi.fabs(a) / (2.0 * J) > 0.0
+    return casadi.if_else(needs_braking, braking, casadi.if_else(v > 0.0, turning, 0.0))
+
+
+def _velocity_end(v: casadi.SX, limit: casadi.SX, jerk_step: casadi.SX, dt: casadi.SX) -> casadi.SX:
+    """Return the greatest a' from which the acceleration can be ramped to zero without passing ``limit``.
+
+    Exact on the grid of ticks: n full ramp steps fit below the velocity that is left.
+    """
+    room = (limit - v) / dt
+    n = casadi.floor(0.5 * (casadi.sqrt(1.0 + 8.0 * casadi.fmax(room, 0.0) / jerk_step) - 1.0))
+    ramp = (room + 0.5 * jerk_step * n * (n + 1.0)) / (n + 1.0)
+    return casadi.if_else(room > 0.0, ramp, room)
+
+
+def _reach(a_next: casadi.SX, q: casadi.SX, v: casadi.SX, A: casadi.SX, J: casadi.SX, dt: casadi.SX) -> casadi.SX:
+    v_next = v + dt * a_next
+    return q + 0.5 * dt * (v + v_next) + _stopping_distance(v_next, a_next, A, J)
+
+
+@lru_cache
+def _halving() -> casadi.Function:
+    low, high = casadi.SX.sym("low"), casadi.SX.sym("high")
+    q, v, u, A, J, dt = (casadi.SX.sym(name) for name in ("q", "v", "u", "A", "J", "dt"))
+    middle = 0.5 * (low + high)
+    safe = _reach(middle, q, v, A, J, dt) <= u
+    state = casadi.vertcat(casadi.if_else(safe, middle, low), casadi.if_else(safe, high, middle))
+    return casadi.Function("halving", [casadi.vertcat(low, high), casadi.vertcat(q, v, u, A, J, dt)], [state])
+
+
+@lru_cache
+def _upper_ends() -> casadi.Function:
+    """(q, v, a, u, V, A, J, dt) -> least a', velocity end, position test at both, position end when outside."""
+    q, v, a, u, V, A, J, dt = (casadi.SX.sym(name) for name in ("q", "v", "a", "u", "V", "A", "J", "dt"))
+    step = J * dt
+    least = casadi.fmin(casadi.fmax(-A, a - step), a + step)
+    most = casadi.fmin(casadi.fmax(A, a - step), a + step)
+    velocity_end = _velocity_end(v, V, step, dt)
+    end = casadi.fmin(casadi.fmax(velocity_end, least), most)
+    homeward = (-casadi.fmin(RETURN_RATE * (q - u + RETURN_INSET), 0.5 * V) - v) / dt
+    # Seen from far outside all of the above still holds; the position end just asks for the way back.
+    outside_end = casadi.fmin(casadi.fmax(homeward, least), end)
+    fits = _reach(end, q, v, A, J, dt) <= u
+    outside = q > u + OUTSIDE
+    bound = casadi.if_else(velocity_end < most, 2.0, casadi.if_else(most >= A, 1.0, 0.0))
+    return casadi.Function("ends", [casadi.vertcat(q, v, a, u, V, A, J, dt)], [
+        casadi.vertcat(least, end, fits, outside, outside_end, bound)
+    ])
+
+
+@lru_cache
+def _upper_end() -> casadi.Function:
+    """(q, v, a, u, V, A, J, dt) -> (end by the rates alone, end by all limits, the `Bound` that closes it)."""
+    x = casadi.MX.sym("x", 8)
+    ends = _upper_ends()(x)
+    least, end, fits, outside, outside_end, bound = (ends[i] for i in range(6))
+    data = casadi.vertcat(x[0], x[1], x[3], x[5], x[6], x[7])
+    halvings = _halving().fold(BISECTIONS)(casadi.vertcat(least, end), casadi.repmat(data, 1, BISECTIONS))
+    # A function call that the generated code branches around: the search is needed only close to a limit.
+    search = casadi.Function("search", [x], [halvings[0]])
+    keep = casadi.Function("keep", [x], [end])
+    must_search = casadi.logic_and(fits < 0.5, outside < 0.5)
+    searched = casadi.Function.if_else("searched", search, keep)(must_search, x)
+    closed_by_position = casadi.logic_or(fits < 0.5, outside > 0.5)
+    return casadi.Function(
+        "upper_end",
+        [x],
+        [
+            casadi.vertcat(
+                end,
+                casadi.if_else(outside > 0.5, outside_end, searched),
+                casadi.if_else(closed_by_position, float(Bound.POSITION), bound),
+            )
+        ],
+    )
+
+
+@lru_cache
+def viable_interval(n: int) -> casadi.Function:
+    """Return the function that closes the accelerations of ``n`` joints in for one tick.
+
+    Inputs: state (n, 3) with the columns q, v, a; limits (n, 5) with lower, upper, V, A, J; the period dt [s].
+    Outputs: lowest and highest viable velocity v' of the next tick (n,) [rad/s]; the `Bound` that closes each
+    end (n, 2). Jerk and acceleration never give, then velocity, then position: the interval is never empty.
+    """
+    state, limits, dt = casadi.MX.sym("state", n, 3), casadi.MX.sym("limits", n, 5), casadi.MX.sym("dt")
+    rates, ticks = limits[:, 2:].T, casadi.repmat(dt, 1, n)
+    end = _upper_end().map(n)
+    high = end(casadi.vertcat(state.T, limits[:, 1].T, rates, ticks)).T
+    low = end(casadi.vertcat(-state.T, -limits[:, 0].T, rates, ticks)).T
+    highest = casadi.fmax(high[:, 1], -low[:, 0])
+    lowest = casadi.fmin(-low[:, 1], high[:, 0])
+    # Two position limits closer together than the joint can stop between: share what neither leaves.
+    middle = 0.5 * (lowest + highest)
+    crossed = lowest > highest
+    highest, lowest = casadi.if_else(crossed, middle, highest), casadi.if_else(crossed, middle, lowest)
+    v = state[:, 1]
+    return casadi.Function(
+        "viable_interval",
+        [state, limits, dt],
+        [v + dt * lowest, v + dt * highest, casadi.horzcat(low[:, 2], high[:, 2])],
+        ["state", "limits", "dt"],
+        ["lowest", "highest", "bounds"],
+    )

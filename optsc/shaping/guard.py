@@ -1,0 +1,115 @@
+"""The joint guard: every commanded joint motion passes it, and none leaves it that breaks a limit.
+
+It owns the commanded state (q, v, a). A wanted velocity inside the viable interval passes through unchanged. One
+outside is approached with Ruckig's time-optimal, jerk-limited profile, so that it is reached without overshoot. The
+free edition of Ruckig knows no position limits: the viable interval brakes before them, and has the last word.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optsc.errors import InvalidValue
+from optsc.geometry.rotation import Array
+from optsc.robot.kernels.kernel import build_kernel
+from optsc.robot.limits import JointLimits
+from optsc.robot.viable import viable_interval
+
+
+class JointState(NamedTuple):
+    """Commanded position, velocity and acceleration (n,) [rad, rad/s, rad/s^2]; a is the difference of v per tick."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
+class JointGuard:
+    """Keeps position, velocity, acceleration and jerk limits at every tick of ``period`` [s]."""
+
+    def __init__(self, limits: JointLimits, period: float) -> None:
+        if not (np.isfinite(period) and period > 0):
+            raise InvalidValue("period", period, "positive [s]")
+        from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
+
+        n = len(limits)
+        self.limits, self.period = limits, period
+        self._kernel = build_kernel(viable_interval(n))
+        self._state, limit_columns, tick = self._kernel.inputs
+        limit_columns[:] = np.column_stack(
+            [limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk]
+        )
+        tick[:] = period
+        self.lowest, self.highest, self.bounds = self._kernel.outputs
+        """Viable velocities of the next tick (n,) [rad/s], and the `Bound` (n, 2) that closes each end."""
+        self._planner, self._trajectory = Ruckig(n), Trajectory(n)
+        self._plan: Any = InputParameter(n)
+        self._plan.control_interface = ControlInterface.Velocity
+        self._plan.synchronization = Synchronization.No
+        self._plan.max_acceleration = limits.acceleration.tolist()
+        self._plan.max_jerk = limits.jerk.tolist()
+        self._plan.target_acceleration = [0.0] * n
+        self.planner_failures = 0
+        """How often Ruckig had no answer and the velocity was merely clipped."""
+        self.reset(np.clip(np.zeros(n), limits.lower, limits.upper))
+
+    def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
+        """Start from posture ``q`` (n,) [rad] with velocity ``v`` (n,) [rad/s] and no acceleration.
+
+        A start outside the limits is allowed: the arm then comes back inside. Raises `InvalidValue` unless finite.
+        """
+        start = np.zeros((len(self.limits), 3))
+        for column, value in enumerate((q, np.zeros(len(self.limits)) if v is None else v)):
+            value = np.asarray(value, dtype=float)
+            if value.shape != (len(self.limits),) or not np.all(np.isfinite(value)):
+                raise InvalidValue("qv"[column], value.tolist(), f"finite, shape ({len(self.limits)},)")
+            start[:, column] = value
+        self._state[:] = start
+        self._kernel.run()
+
+    @property
+    def state(self) -> JointState:
+        """The commanded state."""
+        return JointState(*self._state.T.copy())
+
+    @property
+    def q(self) -> Array:
+        """The commanded posture (n,) [rad]: a view that the next tick changes."""
+        return self._state[:, 0]
+
+    def _approach(self, v: Array) -> Array:
+        """Return the velocity of the next tick on the time-optimal way to ``v``, which is outside the interval."""
+        from ruckig import Result, RuckigError
+
+        plan = self._plan
+        plan.current_position, plan.current_velocity, plan.current_acceleration = self._state.T.tolist()
+        plan.target_velocity = np.clip(v, -self.limits.velocity, self.limits.velocity).tolist()
+        try:
+            result = self._planner.calculate(plan, self._trajectory)
+        except RuckigError:
+            result = Result.Error
+        if result not in (Result.Working, Result.Finished):
+            self.planner_failures += 1
+            return v
+        return np.array(self._trajectory.at_time(self.period)[1])
+
+    def advance(self, velocity: Array) -> JointState:
+        """Move one tick towards ``velocity`` (n,) [rad/s] and return the new commanded state.
+
+        Returns the wanted velocity itself where it is viable. A velocity that is not finite means a stop.
+        """
+        lowest, highest = self.lowest, self.highest
+        if not ((velocity >= lowest) & (velocity <= highest)).all():
+            if not np.isfinite(velocity).all():
+                velocity = np.zeros(len(lowest))
+            velocity = np.minimum(np.maximum(self._approach(velocity), lowest), highest)
+        state, period = self._state, self.period
+        v = state[:, 1]
+        a = (velocity - v) / period
+        q = state[:, 0] + (0.5 * period) * (v + velocity)
+        state[:, 0], state[:, 1], state[:, 2] = q, velocity, a
+        self._kernel.run()
+        return JointState(q, velocity, a)
