@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue
-from optsc.geometry import Pose
+from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.ik import DifferentialIK, IkSettings, make_solver
@@ -122,7 +122,11 @@ class Servo:
     """
 
     def __init__(
-        self, robot: RobotModel, rate: float = 500.0, settings: ServoSettings | None = None, solver: str = "daqp"
+        self,
+        robot: RobotModel,
+        rate: float = 500.0,
+        settings: ServoSettings | None = None,
+        solver: str = "daqp",
     ) -> None:
         if not (np.isfinite(rate) and rate > 0):
             raise InvalidValue("rate", rate, "positive and finite [Hz]")
@@ -221,25 +225,39 @@ class Servo:
         reference[:] = self._next_reference
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
+        far = self._is_far(step.error)
+        if far:
+            self._wait(step.error)
         wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
-        status, reason = self._verdict(wanted, step.error)
+        status, reason = self._verdict(wanted, far)
         state = guard.advance(wanted)
         self.ticks += 1
         return Command(*state, status, reason, step.error, step.volume, step.iterations)
 
-    def _verdict(self, wanted: Array, error: Array) -> tuple[Status, str]:
+    def _is_far(self, error: Array) -> bool:
+        x, y, z, a, b, c = error.tolist()
+        distance, angle = self.settings.far
+        return x * x + y * y + z * z > distance * distance or a * a + b * b + c * c > angle * angle
+
+    def _wait(self, error: Array) -> None:
+        """Let the reference wait for an arm that cannot follow, so that there is no distance to make up in a rush."""
+        X_WT, reference = self.X_WT, self._reference
+        tool_q = tuple(X_WT.quaternion.tolist())
+        far_p, far_r = self.settings.far
+        ahead_p = scalar.rotate(tool_q, scalar.shortened(tuple(error[:3].tolist()), far_p))
+        ahead_q = scalar.exp(scalar.shortened(tuple(error[3:].tolist()), far_r))
+        reference[:3] = X_WT.translation + ahead_p
+        reference[3:7] = scalar.multiply(tool_q, ahead_q)
+
+    def _verdict(self, wanted: Array, far: bool) -> tuple[Status, str]:
         guard = self.guard
         at_low, at_high = wanted <= guard.lowest, wanted >= guard.highest
         if not (at_low | at_high).any():
-            return Status.FOLLOWING, ""
+            return (Status.UNREACHABLE, "no joint leads nearer") if far else (Status.FOLLOWING, "")
         joint = int(np.argmax(at_low | at_high))
-        side = int(at_high[joint])
-        bound = Bound(int(guard.bounds[joint, side]))
+        bound = Bound(int(guard.bounds[joint, int(at_high[joint])]))
         reason = f"{self.robot.joint_names[joint]}: {bound.name.lower()}"
-        far = self.settings.far
-        if np.linalg.norm(error[:3]) > far[0] or np.linalg.norm(error[3:]) > far[1]:
-            return Status.UNREACHABLE, reason
-        return Status.LIMITED, reason
+        return (Status.UNREACHABLE if far else Status.LIMITED), reason
 
     def stop(self) -> Command:
         """Move one tick of a jerk-limited way to rest, or stay there."""

@@ -79,7 +79,9 @@ def from_matrix(matrix: ArrayLike) -> Array:
     if not (np.all(identity_error <= 1e-6) and np.all(np.linalg.det(R) > 0)):
         raise InvalidValue("rotation matrix", R.tolist(), "orthonormal within 1e-6, determinant +1")
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    squares = np.stack([1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], -1)
+    squares = np.stack(
+        [1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], -1
+    )
     d0, d1, d2 = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
     s0, s1, s2 = R[..., 2, 1] + R[..., 1, 2], R[..., 0, 2] + R[..., 2, 0], R[..., 1, 0] + R[..., 0, 1]
     columns = np.stack(

@@ -27,7 +27,7 @@ class PadContacts(NamedTuple):
     eccentricity: Array
     """Distance of the load's middle from the pad's middle, in half pad sizes, of the worse pad (K,)."""
     alignment: Array
-    """Cosine between closing axis and the load's mean normal, of the worse pad (K,)."""
+    """Cosine between the closing axis and the mean normal under a pad, of the worse pad (K,)."""
 
 
 def pad_contacts(points_T: np.ndarray, surface: Surface, X_OG: Pose, gripper: Gripper, friction: float) -> PadContacts:
@@ -55,11 +55,14 @@ def pad_contacts(points_T: np.ndarray, surface: Surface, X_OG: Pose, gripper: Gr
     cosine = np.einsum("pi,pi->p", surface.normals[point], closing_axis[pose])
     area = surface.areas[point] / (gripper.pad_size[0] * gripper.pad_size[1])
     sides = []
-    for near, along in ((y > highest[pose] - DENT, cosine), (y < lowest[pose] + DENT, -cosine)):
-        load = np.where(near & (along > 1.0 / np.hypot(1.0, friction)), area, 0.0)
+    for sign, near in ((1.0, y > highest[pose] - DENT), (-1.0, y < lowest[pose] + DENT)):
+        load = np.where(near & (sign * cosine > 1.0 / np.hypot(1.0, friction)), area, 0.0)
         total = np.bincount(pose, load, count)
-        mean = [np.bincount(pose, load * v, count) / np.maximum(total, 1e-12) for v in (x, z, along)]
-        sides.append((total, np.maximum(abs(mean[0]) / half[0], abs(mean[1]) / half[2]), mean[2]))
+        x_mean, z_mean = (np.bincount(pose, load * v, count) / np.maximum(total, 1e-12) for v in (x, z))
+        normal = np.stack([np.bincount(pose, load * n, count) for n in surface.normals[point].T], axis=-1)
+        length = np.maximum(np.linalg.norm(normal, axis=-1), 1e-12)
+        aligned = sign * np.einsum("ki,ki->k", normal, closing_axis) / length
+        sides.append((total, np.maximum(abs(x_mean) / half[0], abs(z_mean) / half[2]), aligned))
     (a, a_off, a_cos), (b, b_off, b_cos) = sides
     found = np.bincount(pose, minlength=count) > 0
     return PadContacts(

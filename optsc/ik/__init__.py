@@ -3,4 +3,13 @@
 from optsc.ik.differential import DifferentialIK, IkSettings, IkStep
 from optsc.ik.solvers import QpSolution, QpSolver, Rows, make_solver, solver_names
 
-__all__ = ["DifferentialIK", "IkSettings", "IkStep", "QpSolution", "QpSolver", "Rows", "make_solver", "solver_names"]
+__all__ = [
+    "DifferentialIK",
+    "IkSettings",
+    "IkStep",
+    "QpSolution",
+    "QpSolver",
+    "Rows",
+    "make_solver",
+    "solver_names",
+]

@@ -1,6 +1,6 @@
 """Differential inverse kinematics: the joint velocity of the next tick as a quadratic program.
 
-    minimise  1/2 || W (J q' - V*) ||^2 + 1/2 w_p || q' - k_p (q_p - q) ||^2 + 1/2 d || q' ||^2
+    minimise  1/2 || W (J q' - V*) ||^2 + 1/2 w_p || q' - k_p (q_p - q) ||^2 + 1/2 (d + c || W e ||^2) || q' ||^2
     within    lowest <= q' <= highest,   and rows such as distances
 
 with V* = V + k e: the reference's twist, and its distance e from the present pose at a gain in 1/s. All in the tool
@@ -39,6 +39,7 @@ class IkSettings:
         posture_weight: weight of the posture task, small against the others [1].
         posture_gain: how fast spare motion goes to the posture [1/s].
         damping: weight on joint speed; bounds it near singularities [1].
+        error_damping: further damping per squared weighted error; calms the arm where a target is out of reach [1].
     """
 
     position_weight: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -48,6 +49,7 @@ class IkSettings:
     posture_weight: float = 1e-4
     posture_gain: float = 1.0
     damping: float = 1e-5
+    error_damping: float = 20.0
 
     def __post_init__(self) -> None:
         for name in ("position_weight", "orientation_weight", "largest_error"):
@@ -55,7 +57,7 @@ class IkSettings:
             length = 2 if name == "largest_error" else 3
             if len(value) != length or not all(np.isfinite(w) and w >= 0 for w in value):
                 raise InvalidValue(name, value, f"{length} finite numbers, none negative")
-        for name in ("gain", "posture_weight", "posture_gain", "damping"):
+        for name in ("gain", "posture_weight", "posture_gain", "damping", "error_damping"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidValue(name, value, "finite and not negative")
@@ -71,6 +73,7 @@ class IkSettings:
         s[PoseTaskSettings.POSTURE_WEIGHT] = self.posture_weight
         s[PoseTaskSettings.POSTURE_GAIN] = self.posture_gain
         s[PoseTaskSettings.DAMPING] = self.damping
+        s[PoseTaskSettings.ERROR_DAMPING] = self.error_damping
         return s
 
 
@@ -116,7 +119,13 @@ class DifferentialIK:
         self._posture[:] = self.robot.checked(posture, "posture")
 
     def solve(
-        self, q: Array, reference: Array, twist: Array, lowest: Array, highest: Array, rows: Rows | None = None
+        self,
+        q: Array,
+        reference: Array,
+        twist: Array,
+        lowest: Array,
+        highest: Array,
+        rows: Rows | None = None,
     ) -> IkStep:
         """Return the joint velocity of the next tick; never raises.
 
@@ -132,5 +141,10 @@ class DifferentialIK:
         # H is symmetric, so the column-major buffer is read as row-major without a copy.
         solution = self.solver.solve(self._H.T, self._g, lowest, highest, rows)
         return IkStep(
-            solution.x, solution.solved, self._error.copy(), float(self._volume[0]), solution.iterations, solution.reason
+            solution.x,
+            solution.solved,
+            self._error.copy(),
+            float(self._volume[0]),
+            solution.iterations,
+            solution.reason,
         )

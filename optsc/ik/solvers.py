@@ -61,7 +61,9 @@ class DaqpSolver:
         else:
             matrix = np.ascontiguousarray(rows.matrix)
             lower, upper = np.concatenate([lower, rows.lower]), np.concatenate([upper, rows.upper])
-        x, _, flag, info = self._solve(H, g, matrix, upper, lower, primal_tol=1e-9, iter_limit=ITERATION_LIMIT)
+        x, _, flag, info = self._solve(
+            H, g, matrix, upper, lower, primal_tol=1e-9, iter_limit=ITERATION_LIMIT
+        )
         if flag == 1 and x[0] == x[0]:
             return QpSolution(x, True, info["iterations"])
         return QpSolution(np.zeros(n), False, info["iterations"], f"daqp: exit flag {flag}")

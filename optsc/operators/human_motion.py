@@ -47,7 +47,7 @@ class HumanParameters:
         tremor: root mean square of the tremor, for each axis [m]; 0.02 to 0.25 mm (PMC3032442, Fig. 4).
         tremor_rotation: the same for rotation [rad]; ours, 0.2 mm at 15 cm from the wrist.
         tremor_frequency: middle of the 8 to 12 Hz band of physiological tremor [Hz].
-        tremor_bandwidth: width of the process' peak at half power [Hz]; ours, so that most of it is in that band.
+        tremor_bandwidth: width of its peak at half power [Hz]; ours, most of it then is in that band.
         drift: root mean square of the slow wandering of an unsupported arm, for each axis [m]; ours.
         drift_rotation: the same for rotation [rad]; ours.
         drift_time: its correlation time [s]; ours.

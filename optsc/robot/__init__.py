@@ -5,4 +5,13 @@ from optsc.robot.gripper import PANDA_HAND, Gripper, gripper
 from optsc.robot.limits import JointLimits
 from optsc.robot.model import RobotModel, model_from_urdf
 
-__all__ = ["PANDA_HAND", "ROBOT_NAMES", "Gripper", "JointLimits", "RobotModel", "gripper", "load_robot", "model_from_urdf"]
+__all__ = [
+    "PANDA_HAND",
+    "ROBOT_NAMES",
+    "Gripper",
+    "JointLimits",
+    "RobotModel",
+    "gripper",
+    "load_robot",
+    "model_from_urdf",
+]

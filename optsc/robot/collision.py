@@ -1,13 +1,15 @@
 """Collisions of an arm and its hand with a table, with named obstacles and with themselves.
 
-Every link is the convex hull of its collision shape in the URDF: a convex pair costs a fiftieth of two triangle
-soups, and a hull is never smaller than the link. A tree of bounding boxes decides which pairs are looked at.
+Against the world every link is the convex hull of its collision shape: convex pairs are cheap, and a hull is
+never smaller than the link. Between links the shapes themselves are compared, for the hulls of two bent links
+overlap at postures where the links are far from touching.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
+from weakref import WeakKeyDictionary
 
 import coal
 import numpy as np
@@ -23,6 +25,8 @@ TABLE = "table"
 """What the table is called in a reason; no obstacle can have this name."""
 TABLE_HALF_SIZE = (5.0, 5.0, 1.0)
 """Half extents [m] of the box that stands for the table: wider than any arm's reach."""
+FLAT = 1e-6
+"""A part whose points lie within this distance of a plane [m] has no volume."""
 
 Shape: TypeAlias = TriangleMesh | Sequence[TriangleMesh]
 """A convex body, or the convex parts of one that is not; each mesh counts as its convex hull."""
@@ -41,34 +45,57 @@ class Clearance(NamedTuple):
 
 
 def convex_hull(vertices: ArrayLike, field: str = "convex part") -> Any:
-    """Return the coal convex hull of points (V, 3) [m]; raise `InvalidValue` when they span no volume."""
+    """Return the convex hull of points (V, 3) [m] as a coal shape; raise `InvalidValue` if they are flat."""
+    V = np.asarray(vertices, dtype=float)
+    # The library ends the process on points of a plane, so they are refused here.
+    if V.ndim != 2 or len(V) < 4 or np.linalg.svd(V - V.mean(axis=0), compute_uv=False)[-1] < FLAT:
+        raise InvalidValue(field, V.shape, f"points (V, 3) that span a volume, thicker than {FLAT} m")
     points = coal.StdVec_Vec3s()
-    points.extend(list(np.asarray(vertices, dtype=float)))
-    try:
-        return coal.Convex.convexHull(points, True, "Qt")
-    except (RuntimeError, ValueError):
-        raise InvalidValue(field, np.shape(vertices), "points (V, 3) [m] that span a volume") from None
+    points.extend(list(V))
+    return coal.Convex.convexHull(points, True, "Qt")
 
 
-def _with_hulls(geometry: Any) -> Any:
-    for shape in geometry.geometryObjects:
-        if isinstance(shape.geometry, coal.BVHModelBase):
-            # The mesh's own triangles may not be taken for convex: on a dented mesh the support search gets stuck.
-            vertices = shape.geometry.vertices() * np.ravel(shape.meshScale)
-            if not np.allclose(shape.meshScale, 1.0):
-                # The loader has applied the scale already.
-                vertices = shape.geometry.vertices()
-            shape.geometry = convex_hull(vertices, f"collision mesh of {shape.name}")
-    return geometry
+_Pair: TypeAlias = tuple[int, int, str]  # two shapes, and what to say when they touch
+
+
+class _Checker:
+    """Pairs of shapes under a tree of bounding boxes, and what to say when a pair touches."""
+
+    def __init__(self, model: Any, geometry: Any, pairs: Sequence[_Pair], margin: float) -> None:
+        for a, b, _ in pairs:
+            geometry.addCollisionPair(pinocchio.CollisionPair(a, b))
+        self.reasons = np.array([*(reason for *_, reason in pairs), ""], dtype=object)
+        self._model, self._state = model, model.createData()
+        self._geometry, self._data = geometry, geometry.createData()
+        for request in self._data.collisionRequests:
+            request.security_margin = margin
+        # Made after the margins are set: it inflates the boxes of its tree by them.
+        self._tree = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, self._data)
+        self._callback = pinocchio.CollisionCallBackDefault(geometry, self._data, True)
+
+    def first_contacts(self, full: Array, ignored: Sequence[int] = ()) -> Array:
+        """Return for every full posture (N, nq) the first pair (N,) found in contact, -1 for none."""
+        found = np.full(len(full), -1)
+        for pair in ignored:
+            self._data.deactivateCollisionPair(pair)
+        for k, posture in enumerate(full):
+            self._callback.init()
+            if pinocchio.computeCollisions(self._model, self._state, self._tree, self._callback, posture):
+                found[k] = self._callback.collisionPairIndex
+        for pair in ignored:
+            self._data.activateCollisionPair(pair)
+        return found
 
 
 class CollisionModel:
     """The collision geometry of an arm with its hand.
 
-    Two links are checked against each other unless they are neighbours (fixed to each other or joined by one joint),
-    both belong to the hand (jaws meet by design), or already touch at the home posture (hulls overlap there by
-    construction, which says nothing about the arm). Links that do not move are not checked against the table, which
-    they stand on, nor against obstacles, which no motion can help.
+    Two links are checked against each other unless they are neighbours (fixed to each other or joined by one
+    joint), both belong to the hand (jaws meet by design), or touch at the home posture already. Links that no
+    joint moves are not checked against the table, which they stand on, nor against obstacles, which no motion
+    of the arm can help.
+
+    It owns scratch memory of the collision library: ask it from one thread at a time.
 
     Raises:
         DamagedFile: the description or one of its collision meshes cannot be read.
@@ -76,19 +103,21 @@ class CollisionModel:
 
     def __init__(self, robot: RobotModel) -> None:
         self.robot = robot
+        path = str(robot.urdf)
         try:
-            self._model = pinocchio.buildModelFromUrdf(str(robot.urdf))
-            geometry = pinocchio.buildGeomFromUrdf(
-                self._model, str(robot.urdf), pinocchio.GeometryType.COLLISION
-            )
+            self._model = pinocchio.buildModelFromUrdf(path)
+            exact = pinocchio.buildGeomFromUrdf(self._model, path, pinocchio.GeometryType.COLLISION)
         except (ValueError, RuntimeError) as error:
             raise DamagedFile(robot.urdf, f"collision geometry cannot be loaded ({error})") from None
-        self._geometry = _with_hulls(geometry)
-        self._links = [self._model.frames[g.parentFrame].name for g in geometry.geometryObjects]
-        self._moving = [i for i, g in enumerate(geometry.geometryObjects) if g.parentJoint != 0]
-        self._hand = self._hand_shapes()
+        shapes = exact.geometryObjects
+        self._links = [self._model.frames[g.parentFrame].name for g in shapes]
+        self._moving = [i for i, g in enumerate(shapes) if g.parentJoint != 0]
+        self._hand = self._hand_shapes(shapes)
+        self._hulls = self._hulls_of(exact)
         self._columns, self._jaws, self._neutral = self._layout()
-        self._self_pairs = self._checked_pairs()
+        self._self_pairs = self._pairs_apart_at_home(exact)
+        self._self_checker = _Checker(self._model, exact, self._self_pairs, 0.0)
+        self._obstacle_hulls: WeakKeyDictionary[TriangleMesh, Any] = WeakKeyDictionary()
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -103,7 +132,7 @@ class CollisionModel:
     @property
     def self_pairs(self) -> tuple[tuple[str, str], ...]:
         """Pairs of links that are checked against each other."""
-        return tuple(dict.fromkeys((self._links[a], self._links[b]) for a, b in self._self_pairs))
+        return tuple(dict.fromkeys((self._links[a], self._links[b]) for a, b, _ in self._self_pairs))
 
     def scene(
         self,
@@ -111,7 +140,9 @@ class CollisionModel:
         table_height: float | None = 0.0,
         margin: float = 0.0,
     ) -> CollisionScene:
-        """Return the arm among things that stand still; making it costs about 3 ms, asking it 25 us a posture.
+        """Return the arm among things that stand still.
+
+        Hulls of obstacles are kept while their meshes live, so a scene whose objects only moved is cheap.
 
         Args:
             obstacles: shape and pose X_WO of everything that must not be touched, by name.
@@ -119,7 +150,7 @@ class CollisionModel:
             margin: closest allowed distance to the table and the obstacles [m].
 
         Raises:
-            InvalidValue: a margin below zero, an obstacle called "table", or a flat obstacle.
+            InvalidValue: a margin out of range, an obstacle called "table", or a flat part.
         """
         return CollisionScene(self, dict(obstacles or {}), table_height, margin)
 
@@ -134,29 +165,43 @@ class CollisionModel:
         """Return which postures (N, n) touch nothing; see `scene` and `CollisionScene.clear`."""
         return self.scene(obstacles, table_height, margin).clear(q, opening)
 
-    def _hand_shapes(self) -> frozenset[int]:
+    def _hand_shapes(self, shapes: Sequence[Any]) -> frozenset[int]:
+        jaws = {self._model.getJointId(name) for name in self._finger_joints()}
+        frames = [self._model.frames[self._model.getFrameId(name)] for name in self._finger_joints()]
+        carriers = {frame.parentFrame for frame in frames}
+        return frozenset(
+            i for i, g in enumerate(shapes) if g.parentJoint in jaws or g.parentFrame in carriers
+        )
+
+    def _finger_joints(self) -> list[str]:
         gripper = self.robot.gripper
-        joints = [] if gripper is None else [j for j in gripper.finger_joints if self._model.existJointName(j)]
-        jaws = {self._model.getJointId(j) for j in joints}
-        carriers = {self._model.frames[self._model.getFrameId(j)].parentFrame for j in joints}
-        shapes = enumerate(self._geometry.geometryObjects)
-        return frozenset(i for i, g in shapes if g.parentJoint in jaws or g.parentFrame in carriers)
+        names = () if gripper is None else gripper.finger_joints
+        return [name for name in names if self._model.existJointName(name)]
+
+    def _hulls_of(self, exact: Any) -> Any:
+        hulls = exact.copy()
+        for shape in hulls.geometryObjects:
+            if isinstance(shape.geometry, coal.BVHModelBase):
+                # Not the mesh's own triangles: on a dented mesh the search for a support point gets stuck.
+                shape.geometry = convex_hull(shape.geometry.vertices(), f"collision mesh of {shape.name}")
+        return hulls
 
     def _layout(self) -> tuple[list[tuple[int, int]], list[int], Array]:
-        """Return where each arm joint's (first number, count) and each jaw's number stand in the full posture."""
-        model, gripper = self._model, self.robot.gripper
+        """Return where each arm joint (first number, count) and each jaw stand in a full posture."""
+        model = self._model
         joints = [model.joints[model.getJointId(name)] for name in self.robot.joint_names]
-        names = () if gripper is None else gripper.finger_joints
-        jaws = [model.joints[model.getJointId(j)].idx_q for j in names if model.existJointName(j)]
+        jaws = [model.joints[model.getJointId(name)].idx_q for name in self._finger_joints()]
         neutral = np.clip(pinocchio.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
         return [(j.idx_q, j.nq) for j in joints], jaws, neutral
 
-    def full_postures(self, q: Array, opening: ArrayLike | None) -> Array:
+    def _full_postures(self, q: Array, opening: ArrayLike | None) -> Array:
         """Return postures (N, nq) of the whole description, jaws included, for arm postures ``q`` (N, n)."""
         full = np.tile(self._neutral, (len(q), 1))
         for k, (start, count) in enumerate(self._columns):
             # A continuous joint is stored as cosine and sine.
-            full[:, start : start + count] = np.c_[np.cos(q[:, k]), np.sin(q[:, k])] if count == 2 else q[:, [k]]
+            full[:, start : start + count] = (
+                np.c_[np.cos(q[:, k]), np.sin(q[:, k])] if count == 2 else q[:, [k]]
+            )
         gripper = self.robot.gripper
         if gripper is not None:
             width = np.asarray(gripper.max_opening if opening is None else opening, dtype=float)
@@ -166,30 +211,25 @@ class CollisionModel:
                 full[:, start] = 0.5 * width
         return full
 
-    def _checked_pairs(self) -> list[tuple[int, int]]:
-        geometry, shapes, parents = self._geometry, self._geometry.geometryObjects, self._model.parents
+    def _pairs_apart_at_home(self, exact: Any) -> list[_Pair]:
+        shapes, parents, links = exact.geometryObjects, self._model.parents, self._links
         pairs = []
         for a in range(len(shapes)):
             for b in range(a + 1, len(shapes)):
                 i, j = shapes[a].parentJoint, shapes[b].parentJoint
                 neighbours = i == j or parents[i] == j or parents[j] == i
                 if not neighbours and not {a, b} <= self._hand:
-                    pairs.append((a, b))
-        for a, b in pairs:
-            geometry.addCollisionPair(pinocchio.CollisionPair(a, b))
-        data = geometry.createData()
-        home = self.full_postures(self.robot.home[None], None)[0]
-        pinocchio.computeCollisions(self._model, self._model.createData(), geometry, data, home, False)
-        touching = [result.isCollision() for result in data.collisionResults]
-        geometry.removeAllCollisionPairs()
-        return [pair for pair, touches in zip(pairs, touching, strict=True) if not touches]
+                    pairs.append((a, b, f"{links[a]} touches {links[b]}"))
+        home = self._full_postures(self.robot.home[None], None)
+        ignored: list[int] = []
+        checker = _Checker(self._model, exact.copy(), pairs, 0.0)
+        while (contact := int(checker.first_contacts(home, ignored)[0])) >= 0:
+            ignored.append(contact)
+        return [pair for k, pair in enumerate(pairs) if k not in ignored]
 
 
 class CollisionScene:
-    """An arm among a table and obstacles that stand still; made by `CollisionModel.scene`.
-
-    It owns scratch memory of the collision library: ask it from one thread at a time.
-    """
+    """An arm among a table and obstacles that stand still; made by `CollisionModel.scene`."""
 
     def __init__(
         self,
@@ -202,46 +242,32 @@ class CollisionScene:
             raise InvalidValue("collision margin", margin, "0 to 1 m")
         if TABLE in obstacles:
             raise InvalidValue("obstacle name", TABLE, "any name but that of the table")
-        self.collision_model = model
-        self._geometry = model._geometry.copy()
-        self._reasons: list[str] = []
+        self._arm = model
+        self._geometry = model._hulls.copy()
+        self._pairs: list[_Pair] = []
         self._hand_pairs: dict[str, list[int]] = {}
-        for a, b in model._self_pairs:
-            self._add_pair(a, b, f"{model._links[a]} touches {model._links[b]}")
-        count = len(self._reasons)
         if table_height is not None:
-            x, y, z = TABLE_HALF_SIZE
-            box = coal.Box(2 * x, 2 * y, 2 * z)
-            self._add_obstacle(TABLE, box, Pose.from_translation([0.0, 0.0, table_height - z]))
+            box = coal.Box(*(2.0 * half for half in TABLE_HALF_SIZE))
+            self._add(TABLE, box, Pose.from_translation([0.0, 0.0, table_height - TABLE_HALF_SIZE[2]]))
         for name, (shape, X_WO) in obstacles.items():
             for part in (shape,) if isinstance(shape, TriangleMesh) else shape:
-                self._add_obstacle(name, convex_hull(part.vertices, f"a part of {name}"), X_WO)
-        self._prepare(count, margin)
+                self._add(name, self._hull(part, name), X_WO)
+        self._checker = _Checker(model._model, self._geometry, self._pairs, margin)
 
-    def _prepare(self, first_outside: int, margin: float) -> None:
-        self._state = self.collision_model._model.createData()
-        self._data = self._geometry.createData()
-        requests = self._data.collisionRequests
-        for k in range(first_outside, len(requests)):
-            requests[k].security_margin = margin
-        # Made after the margins are set: it inflates the boxes of its tree by them.
-        self._tree = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-            self.collision_model._model, self._geometry, self._data
-        )
+    def _hull(self, part: TriangleMesh, name: str) -> Any:
+        hulls = self._arm._obstacle_hulls
+        if part not in hulls:
+            hulls[part] = convex_hull(part.vertices, f"a part of {name}")
+        return hulls[part]
 
-    def _add_pair(self, a: int, b: int, reason: str) -> None:
-        self._geometry.addCollisionPair(pinocchio.CollisionPair(a, b))
-        self._reasons.append(reason)
-
-    def _add_obstacle(self, name: str, shape: Any, X_WO: Pose) -> None:
+    def _add(self, name: str, shape: Any, X_WO: Pose) -> None:
         placement = pinocchio.SE3(X_WO.rotation_matrix(), X_WO.translation)
         label = f"{name} {self._geometry.ngeoms}"
         index = self._geometry.addGeometryObject(pinocchio.GeometryObject(label, 0, 0, placement, shape))
-        article = "the " if name == TABLE else ""
-        for a in self.collision_model._moving:
-            if a in self.collision_model._hand:
-                self._hand_pairs.setdefault(name, []).append(len(self._reasons))
-            self._add_pair(a, index, f"{self.collision_model._links[a]} touches {article}{name}")
+        for a in self._arm._moving:
+            if a in self._arm._hand:
+                self._hand_pairs.setdefault(name, []).append(len(self._pairs))
+            self._pairs.append((a, index, f"{self._arm._links[a]} touches {name}"))
 
     def clear(
         self,
@@ -254,34 +280,24 @@ class CollisionScene:
         Args:
             q: (N, n) [rad].
             opening: distance between the pads [m], () or (N,); by default the jaws stand fully open.
-            hand_may_touch: (N,) for each posture the obstacle that the hand may touch, such as the one it is about
-                to grasp, or None; the rest of the arm may not. Names without an obstacle change nothing.
+            hand_may_touch: (N,) for each posture the obstacle that the hand may touch, such as the one it is
+                about to grasp, or None; the rest of the arm may not. Other names have no effect.
 
         Raises:
             InvalidValue: a posture or an opening is not finite, of the wrong shape or out of range.
         """
-        q = np.atleast_2d(self.collision_model.robot.checked(q))
-        full = self.collision_model.full_postures(q, opening)
-        allowed = np.array([""] * len(q) if hand_may_touch is None else [n or "" for n in hand_may_touch])
+        q = np.atleast_2d(self._arm.robot.checked(q))
+        full = self._arm._full_postures(q, opening)
+        names = [None] * len(q) if hand_may_touch is None else hand_may_touch
+        allowed = np.array([name or "" for name in names])
         if allowed.shape != (len(q),):
             raise InvalidValue("hand_may_touch", allowed.shape, f"shape ({len(q)},), one entry per posture")
-        found = np.full(len(q), -1)
+        reason = np.full(len(q), "", dtype=object)
         for name in np.unique(allowed):
             rows = np.flatnonzero(allowed == name)
-            found[rows] = self._contacts(full[rows], self._hand_pairs.get(str(name), []))
-        reasons = np.array([*self._reasons, ""], dtype=object)[found]
-        return Clearance(found < 0, reasons)
-
-    def _contacts(self, full: Array, permitted: Sequence[int]) -> Array:
-        """Return for every full posture the first pair (N,) found in contact, -1 for none."""
-        model, found = self.collision_model._model, np.full(len(full), -1)
-        for pair in permitted:
-            self._data.deactivateCollisionPair(pair)
-        callback = pinocchio.CollisionCallBackDefault(self._geometry, self._data, True)
-        for k, posture in enumerate(full):
-            callback.init()
-            if pinocchio.computeCollisions(model, self._state, self._tree, callback, posture):
-                found[k] = callback.collisionPairIndex
-        for pair in permitted:
-            self._data.activateCollisionPair(pair)
-        return found
+            contacts = self._checker.first_contacts(full[rows], self._hand_pairs.get(str(name), ()))
+            reason[rows] = self._checker.reasons[contacts]
+        rest = np.flatnonzero(reason == "")
+        checker = self._arm._self_checker
+        reason[rest] = checker.reasons[checker.first_contacts(full[rest])]
+        return Clearance(reason == "", reason)

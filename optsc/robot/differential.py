@@ -16,13 +16,14 @@ from optsc.robot.model import RobotModel
 class PoseTaskSettings(NamedTuple):
     """Layout of the settings vector of `pose_task`; see `optsc.ik.differential` for meaning and units."""
 
-    SIZE = 13
+    SIZE = 14
     WEIGHTS = slice(0, 6)
     GAIN = slice(6, 8)
     LARGEST_ERROR = slice(8, 10)
     POSTURE_WEIGHT = 10
     POSTURE_GAIN = 11
     DAMPING = 12
+    ERROR_DAMPING = 13
 
 
 def _multiply(a: casadi.SX, b: casadi.SX) -> casadi.SX:
@@ -97,7 +98,7 @@ def pose_task(robot: RobotModel) -> casadi.Function:
     """Return the quadratic cost of one tick in the joint velocity.
 
     Inputs: q (n); reference (7) = p, quaternion of T in W; twist (6), linear over angular, in W; posture (n); settings
-    (13), see `PoseTaskSettings`. Outputs: H (n, n) and g (n) of 1/2 v'Hv + g'v; pose error (6), reference minus
+    (14), see `PoseTaskSettings`. Outputs: H (n, n) and g (n) of 1/2 v'Hv + g'v; pose error (6), reference minus
     present, in T's axes [m, rad]; sqrt(det(J J')) or, below six joints, sqrt(det(J'J)).
     """
     n = robot.n
@@ -107,13 +108,20 @@ def pose_task(robot: RobotModel) -> casadi.Function:
     R, p, J = chain(robot, q)
     error = casadi.vertcat(R.T @ (reference[0:3] - p), _rotation_error(R, reference[3:7]))
     gain, largest = s[PoseTaskSettings.GAIN], s[PoseTaskSettings.LARGEST_ERROR]
-    pull = casadi.vertcat(gain[0] * _at_most(error[:3], largest[0]), gain[1] * _at_most(error[3:], largest[1]))
+    pull = casadi.vertcat(
+        gain[0] * _at_most(error[:3], largest[0]), gain[1] * _at_most(error[3:], largest[1])
+    )
     wanted = casadi.vertcat(R.T @ twist[:3], R.T @ twist[3:]) + pull
     tool_J = casadi.vertcat(R.T @ J[:3, :], R.T @ J[3:, :])
     weight = s[PoseTaskSettings.WEIGHTS]
     weighted_J = casadi.repmat(weight, 1, n) * tool_J
     posture_weight = s[PoseTaskSettings.POSTURE_WEIGHT]
-    H = weighted_J.T @ weighted_J + (posture_weight + s[PoseTaskSettings.DAMPING]) * casadi.SX.eye(n)
+    # Levenberg-Marquardt damping that grows with the error (Sugihara 2011): next to nothing while the tool is on its
+    # reference, and calm where a target is out of reach and the Jacobian loses a direction.
+    weighted_error = weight[:3] * _at_most(error[:3], largest[0]), weight[3:] * _at_most(error[3:], largest[1])
+    square = casadi.dot(weighted_error[0], weighted_error[0]) + casadi.dot(weighted_error[1], weighted_error[1])
+    damping = s[PoseTaskSettings.DAMPING] + s[PoseTaskSettings.ERROR_DAMPING] * square
+    H = weighted_J.T @ weighted_J + (posture_weight + damping) * casadi.SX.eye(n)
     homeward = s[PoseTaskSettings.POSTURE_GAIN] * (posture - q)
     g = -weighted_J.T @ (weight * wanted) - posture_weight * homeward
     gram = tool_J @ tool_J.T if n >= 6 else tool_J.T @ tool_J
@@ -132,7 +140,6 @@ def _rotation_error(R: casadi.SX, quaternion: casadi.SX) -> casadi.SX:
     # Near half a turn the antisymmetric part vanishes; its direction then still points the right way, and the
     # length is bounded by the caller's largest error.
     return casadi.if_else(sine < 1e-9, axis, (angle / sine) * axis)
-
 
 
 def _determinant(gram: casadi.SX) -> casadi.SX:

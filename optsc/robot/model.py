@@ -174,7 +174,9 @@ def model_from_urdf(
         raise UnknownName("frame", tip, frames)
     model = _reduced(full, tip, gripper)
     if model.nv == 0 or model.nq != model.nv:
-        raise InvalidValue("joints between the root and " + tip, model.nv, "at least one, each of one degree of freedom")
+        raise InvalidValue(
+            "joints between the root and " + tip, model.nv, "at least one, each of one degree of freedom"
+        )
     joint_limits = _limits_of(model, continuous, dict(limits or {}))
     posture = np.array(np.mean(joint_limits.sampling, axis=0) if home is None else home, dtype=float)
     if posture.shape != (model.nv,) or not np.all(joint_limits.clip(posture) == posture):

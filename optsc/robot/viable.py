@@ -67,7 +67,9 @@ def _velocity_end(v: casadi.SX, limit: casadi.SX, jerk_step: casadi.SX, dt: casa
     return casadi.if_else(room > 0.0, ramp, room)
 
 
-def _reach(a_next: casadi.SX, q: casadi.SX, v: casadi.SX, A: casadi.SX, J: casadi.SX, dt: casadi.SX) -> casadi.SX:
+def _reach(
+    a_next: casadi.SX, q: casadi.SX, v: casadi.SX, A: casadi.SX, J: casadi.SX, dt: casadi.SX
+) -> casadi.SX:
     v_next = v + dt * a_next
     return q + 0.5 * dt * (v + v_next) + _stopping_distance(v_next, a_next, A, J)
 
@@ -97,9 +99,11 @@ def _upper_ends() -> casadi.Function:
     fits = _reach(end, q, v, A, J, dt) <= u
     outside = q > u + OUTSIDE
     bound = casadi.if_else(velocity_end < most, 2.0, casadi.if_else(most >= A, 1.0, 0.0))
-    return casadi.Function("ends", [casadi.vertcat(q, v, a, u, V, A, J, dt)], [
-        casadi.vertcat(least, end, fits, outside, outside_end, bound)
-    ])
+    return casadi.Function(
+        "ends",
+        [casadi.vertcat(q, v, a, u, V, A, J, dt)],
+        [casadi.vertcat(least, end, fits, outside, outside_end, bound)],
+    )
 
 
 @lru_cache

@@ -18,6 +18,9 @@ from optsc.robot.kernels.kernel import build_kernel
 from optsc.robot.limits import JointLimits
 from optsc.robot.viable import viable_interval
 
+ROUNDING = 1e-9
+"""Share of the rate limits that is left to rounding, so that differences of commands keep them to the last digit."""
+
 
 class JointState(NamedTuple):
     """Commanded position, velocity and acceleration (n,) [rad, rad/s, rad/s^2]; a is the difference of v per tick."""
@@ -39,9 +42,8 @@ class JointGuard:
         self.limits, self.period = limits, period
         self._kernel = build_kernel(viable_interval(n))
         self._state, limit_columns, tick = self._kernel.inputs
-        limit_columns[:] = np.column_stack(
-            [limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk]
-        )
+        rates = np.column_stack([limits.velocity, limits.acceleration, limits.jerk]) * (1.0 - ROUNDING)
+        limit_columns[:] = np.column_stack([limits.lower, limits.upper, rates])
         tick[:] = period
         self.lowest, self.highest, self.bounds = self._kernel.outputs
         """Viable velocities of the next tick (n,) [rad/s], and the `Bound` (n, 2) that closes each end."""

@@ -41,7 +41,11 @@ class TimeLaw:
 
         plan, trajectory = InputParameter(1), Trajectory(1)
         plan.target_position = [self.length]
-        plan.max_velocity, plan.max_acceleration, plan.max_jerk = [self.speed], [self.acceleration], [self.jerk]
+        plan.max_velocity, plan.max_acceleration, plan.max_jerk = (
+            [self.speed],
+            [self.acceleration],
+            [self.jerk],
+        )
         try:
             result = Ruckig(1).calculate(plan, trajectory)
         except RuckigError as error:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import tempfile
 import zlib
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -111,16 +112,22 @@ def colour(name: str) -> tuple[float, float, float]:
     return _OBJECT_COLOURS.get(name, _OTHER_COLOURS[zlib.crc32(name.encode()) % len(_OTHER_COLOURS)])
 
 
-def add_object(client: int, model: ObjectModel, X_WO: Pose) -> int:
-    """Put an object into the simulation ``client`` and return its body: convex pieces to touch, its mesh to look at.
+@lru_cache(maxsize=32)
+def _collision_text(model: ObjectModel) -> str:
+    return wavefront(shrunk(part) for part in model.parts)
 
-    The body's frame in PyBullet is the principal frame M of its mass, see `inertia`, not O.
+
+def add_object(client: int, model: ObjectModel, X_WO: Pose, *, visible: bool = False) -> int:
+    """Put an object into the simulation ``client`` and return its body.
+
+    It is touched as its convex pieces and, if ``visible``, looked at as its exact surface. Its frame in PyBullet is
+    the principal frame M of its mass, see `inertia`, not O.
     """
     mass_frame = inertia(model.mesh, model.mass)
     # Meshes are kept by file name otherwise, and a later object may be given the name of an earlier one.
     pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
     with tempfile.TemporaryDirectory() as folder:  # the surface is read when the body is made, not before
-        body = _multibody(client, model, X_WO, mass_frame.X_OM, Path(folder))
+        body = _multibody(client, model, X_WO, mass_frame.X_OM, Path(folder), visible)
     pybullet.setPhysicsEngineParameter(enableFileCaching=1, physicsClientId=client)
     pybullet.changeDynamics(
         body,
@@ -134,18 +141,22 @@ def add_object(client: int, model: ObjectModel, X_WO: Pose) -> int:
     return body
 
 
-def _multibody(client: int, model: ObjectModel, X_WO: Pose, X_OM: Pose, folder: Path) -> int:
+def _multibody(client: int, model: ObjectModel, X_WO: Pose, X_OM: Pose, folder: Path, visible: bool) -> int:
     touched, seen = folder / "parts.obj", folder / "mesh.obj"
-    touched.write_text(wavefront(shrunk(part) for part in model.parts))
-    seen.write_text(wavefront([model.mesh]))
-    collision = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(touched), physicsClientId=client)
-    visual = pybullet.createVisualShape(
-        pybullet.GEOM_MESH,
-        fileName=str(seen),
-        rgbaColor=[*colour(model.name), 1.0],
-        specularColor=[0.1, 0.1, 0.1],
-        physicsClientId=client,
+    touched.write_text(_collision_text(model))
+    collision = pybullet.createCollisionShape(
+        pybullet.GEOM_MESH, fileName=str(touched), physicsClientId=client
     )
+    visual = -1
+    if visible:
+        seen.write_text(wavefront([model.mesh]))
+        visual = pybullet.createVisualShape(
+            pybullet.GEOM_MESH,
+            fileName=str(seen),
+            rgbaColor=[*colour(model.name), 1.0],
+            specularColor=[0.1, 0.1, 0.1],
+            physicsClientId=client,
+        )
     position, orientation = bullet_pose(X_WO)
     centre, principal = bullet_pose(X_OM)
     return pybullet.createMultiBody(
@@ -183,10 +194,10 @@ def add_table(client: int) -> tuple[int, int]:
     return bodies[0], bodies[1]
 
 
-def add_robot(client: int, robot: RobotModel) -> int:
+def add_robot(client: int, robot: RobotModel, *, visible: bool = False) -> int:
     """Put an arm with its base frame at W into the simulation ``client`` and return its body.
 
-    Masses and inertias are the description's own. Link order is left to PyBullet: keeping the file's corrupts
+    What it looks like is read only if ``visible``: that takes a hundred times as long as all the rest. Masses and inertias are the description's own. Link order is left to PyBullet: keeping the file's corrupts
     memory for descriptions whose root comes last.
     """
     root = read_urdf(robot.urdf)
@@ -194,7 +205,9 @@ def add_robot(client: int, robot: RobotModel) -> int:
         if link.find("inertial") is None:  # PyBullet would take 1 kg and 1 kg m^2
             inertial = ElementTree.SubElement(link, "inertial")
             ElementTree.SubElement(inertial, "mass", value="0")
-            ElementTree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
+            ElementTree.SubElement(
+                inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0")
+            )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "robot.urdf")
         ElementTree.ElementTree(root).write(path)
@@ -202,6 +215,7 @@ def add_robot(client: int, robot: RobotModel) -> int:
             str(path),
             basePosition=[0.0, 0.0, 0.0],
             useFixedBase=True,
-            flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
+            flags=pybullet.URDF_USE_INERTIA_FROM_FILE
+            | (0 if visible else pybullet.URDF_IGNORE_VISUAL_SHAPES),
             physicsClientId=client,
         )

@@ -22,18 +22,20 @@ class Closed(OptscError, RuntimeError):
 
 @dataclass(frozen=True)
 class PhysicsSettings:
-    """Settings of the simulation; the defaults are the measured ones of which grasps hold.
+    """Settings of the simulation; the defaults are the measured ones with which grasps hold.
 
     Attributes:
         time_step: simulation step [s], at most `LONGEST_STEP`. A control period has to be a whole number of steps.
-        solver_iterations: of the contact solver; with 50 a drill slips out of one grasp in three, with 150 in one of ten.
+        solver_iterations: at most so many of the contact solver in a step. With 50 a drill slips out of one grasp
+            in three, with 150 out of one in ten.
         position_gain: share of a position error that an arm joint takes back in one step [-].
         jaw_force: greatest force of each jaw [N].
-        jaw_speed: greatest rate of the opening [m/s]; each jaw moves with half of it.
+        jaw_speed: greatest rate of the opening [m/s]; each jaw moves at half of it.
         finger_friction: Coulomb coefficient of the pads [-]. PyBullet multiplies the two bodies' coefficients, so
             that one leaves the object's own in force.
-        finger_spinning_friction: resistance of the pads against turning about their normal, torque per force [m].
-            Without it two hard pads are an axle, and almost every object turns out of its grasp.
+        pad_torsion: radius [m] at which a pad's friction resists turning about its normal: 2 r / 3 for an evenly
+            loaded disc of radius r, and a Panda's pad has the area of a disc of 10 mm. Without it two hard pads are
+            an axle, and almost every object turns out of its grasp.
     """
 
     time_step: float = 1e-3
@@ -42,14 +44,14 @@ class PhysicsSettings:
     jaw_force: float = 40.0
     jaw_speed: float = 0.1
     finger_friction: float = 1.0
-    finger_spinning_friction: float = 0.1
+    pad_torsion: float = 0.005
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             if not 0.0 < value < float("inf"):
-                raise InvalidValue(field.name, value, "finite, above 0")
+                raise InvalidValue(f"PhysicsSettings.{field.name}", value, "finite, above 0")
         if self.time_step > LONGEST_STEP:
-            raise InvalidValue("time_step", self.time_step, f"at most {LONGEST_STEP:.6f} s")
+            raise InvalidValue("PhysicsSettings.time_step", self.time_step, f"at most {LONGEST_STEP:.6f} s")
         if self.position_gain > 1.0:
-            raise InvalidValue("position_gain", self.position_gain, "in (0, 1]")
+            raise InvalidValue("PhysicsSettings.position_gain", self.position_gain, "in (0, 1]")

@@ -32,8 +32,11 @@ ITERATIONS = 40
 """Greatest number of iterations of an attempt; a multiple of _BLOCK."""
 _BLOCK = 10
 
-RUNNING, SOLVED, GIVEN_UP = 0.0, 1.0, 2.0
-"""What `attempts` reports about an attempt. One that is not RUNNING at its start is left alone, at no cost."""
+IDLE, RUNNING, SOLVED, GIVEN_UP = 0, 1, 2, 3
+"""Status of an attempt. Only one that is RUNNING costs time."""
+
+STATE_ROWS = 5
+"""Rows of an attempt's state after the posture, see `attempt`."""
 
 
 @dataclass
@@ -49,7 +52,7 @@ class _State:
 
     @classmethod
     def unpack(cls, rows: casadi.SX, n: int) -> _State:
-        return cls(rows[:n], *(rows[n + i] for i in range(5)))
+        return cls(rows[:n], *(rows[n + i] for i in range(STATE_ROWS)))
 
     def pack(self) -> casadi.SX:
         return casadi.vertcat(self.q, self.status, self.least, self.stalled, self.iterations, self.residual)
@@ -70,9 +73,16 @@ def rotation_vector(D: casadi.SX) -> casadi.SX:
     return casadi.vertcat(casadi.if_else(half_turn, angle, vector[0]), vector[1], vector[2])
 
 
-def pose_error(R: casadi.SX, p: casadi.SX, target: casadi.SX) -> casadi.SX:
-    """Return (p* - p, log(R* Rᵀ)) (6,) [m, rad] for a ``target`` of 12 rows: R* column by column, then p*."""
-    return casadi.vertcat(target[9:12] - p, rotation_vector(casadi.reshape(target[:9], 3, 3) @ R.T))
+def rotation_matrix(quaternion: casadi.SX) -> casadi.SX:
+    """Return the rotation matrix (3, 3) of a unit quaternion w, x, y, z."""
+    w, x, y, z = casadi.vertsplit(quaternion)
+    return casadi.blockcat(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def _free(q: casadi.SX, gradient: casadi.SX, lower: casadi.SX, upper: casadi.SX) -> casadi.SX:
@@ -98,13 +108,13 @@ def _damped_step(J: casadi.SX, error: casadi.SX, inverse_weights: casadi.SX, dam
 def iteration(robot: RobotModel) -> casadi.Function:
     """Return the function (state, target and tolerance, limits) -> state of one Levenberg-Marquardt step."""
     n = robot.n
-    rows = casadi.SX.sym("state", n + 5)
-    target = casadi.SX.sym("target", 13)
+    rows = casadi.SX.sym("state", n + STATE_ROWS)
+    target = casadi.SX.sym("target", 8)
     limits = casadi.SX.sym("limits", 2 * n)
     lower, upper = limits[:n], limits[n:]
     state = _State.unpack(rows, n)
     R, p, J = chain(robot, state.q)
-    error = pose_error(R, p, target)
+    error = casadi.vertcat(target[4:7] - p, rotation_vector(rotation_matrix(target[:4]) @ R.T))
     inverse_weights = casadi.DM([1.0] * 3 + [LENGTH**-2] * 3)
     weighted = error / inverse_weights
     cost = casadi.dot(error, weighted)
@@ -116,7 +126,7 @@ def iteration(robot: RobotModel) -> casadi.Function:
     residual = casadi.norm_inf(error)
     stalled = casadi.if_else(fell, 0, state.stalled + 1)
     hopeless = casadi.logic_or(stalled > PATIENCE, state.iterations >= ITERATIONS - 1)
-    status = casadi.if_else(residual <= target[12], SOLVED, casadi.if_else(hopeless, GIVEN_UP, RUNNING))
+    status = casadi.if_else(residual <= target[7], SOLVED, casadi.if_else(hopeless, GIVEN_UP, RUNNING))
     moved = casadi.fmin(casadi.fmax(state.q + step, lower), upper)
     after = _State(
         # The residual belongs to the posture that is returned, so the last iteration does not move.
@@ -131,28 +141,25 @@ def iteration(robot: RobotModel) -> casadi.Function:
 
 
 def _repeat_while_running(step: casadi.Function, times: int, n: int, name: str) -> casadi.Function:
-    """Return the function that applies ``step`` up to ``times`` times, and skips what is left once it has ended."""
+    """Return the function that applies ``step`` up to ``times`` times, skipping what is left once it has ended."""
     arguments = [casadi.MX.sym(step.name_in(i), step.sparsity_in(i)) for i in range(step.n_in())]
     state, *others = arguments
     unchanged = casadi.Function(f"{name}_unchanged", arguments, [state])
-    guarded = casadi.Function.if_else(f"{name}_guarded", unchanged, step)
+    by_status = casadi.Function.conditional(f"{name}_by_status", [unchanged, step], unchanged)
     for _ in range(times):
-        state = guarded(state[n], state, *others)
+        state = by_status(state[n], state, *others)
     return casadi.Function(name, arguments, [state])
 
 
-def attempts(robot: RobotModel, batch: int) -> casadi.Function:
-    """Return the function (state, target, limits) -> state of ``batch`` attempts from start to end.
+def attempt(robot: RobotModel) -> casadi.Function:
+    """Return the function (state, target, limits) -> state of one attempt, from its start to its end.
 
-    * state (n + 5, batch), in and out: posture, status (`RUNNING`, `SOLVED`, `GIVEN_UP`), least cost so far
-      (infinite at the start), iterations since it last fell, iterations, and the residual: the largest component of
-      the pose error [m or rad] at the posture;
-    * target (13, batch): R_WT column by column, p_WT [m], tolerance of the residual;
-    * limits (2 n): lower and upper positions, infinite where there is none. Starts must lie inside.
+    * state (n + STATE_ROWS), in and out: posture; status (`IDLE`, `RUNNING`, `SOLVED`, `GIVEN_UP`); least cost so
+      far, infinite at the start; iterations since it last fell; iterations; and the residual: the largest component
+      of the pose error [m or rad] at the posture. Starts must lie inside the limits.
+    * target (8): unit quaternion w, x, y, z, position [m], tolerance of the residual.
+    * limits (2 n): lower, then upper positions, infinite where there are none.
     """
     block = _repeat_while_running(iteration(robot), _BLOCK, robot.n, "block")
-    attempt = _repeat_while_running(block, ITERATIONS // _BLOCK, robot.n, "attempt")
-    mapped = attempt.map("mapped", "serial", batch, [2], [])
-    state, target = casadi.MX.sym("state", robot.n + 5, batch), casadi.MX.sym("target", 13, batch)
-    limits = casadi.MX.sym("limits", 2 * robot.n)
-    return casadi.Function("attempts", [state, target, limits], [mapped(state, target, limits)])
+    blocks = _repeat_while_running(block, ITERATIONS // _BLOCK, robot.n, "blocks")
+    return _repeat_while_running(blocks, 1, robot.n, "attempt")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import casadi
 import numpy as np
@@ -18,32 +18,31 @@ class Kernel:
     """A function of arrays that runs without allocating.
 
     Fill `inputs`, call `run`, read `outputs`; or call the kernel itself, which copies and may be used from several
-    threads at once. Buffers have CasADi's column-major layout: a matrix (r, c) is a Fortran-ordered array, a vector
+    threads at once. Buffers have CasADi's column-major layout: a matrix (r, c) is a Fortran-ordered array, a column
     is one-dimensional.
 
     Attributes:
-        inputs, outputs: the buffers; the arrays stay the same for the kernel's life.
-        run: evaluates `outputs` from `inputs`; not for several threads at once.
+        function: what is evaluated.
         compiled: whether machine code runs, or CasADi's virtual machine.
+        inputs, outputs: the buffers; they stay the same arrays for the kernel's life.
+        run: evaluates `outputs` from `inputs`; not for several threads at once.
     """
 
     __slots__ = ("_buffer", "_lock", "compiled", "function", "inputs", "outputs", "run")
 
-    inputs: tuple[Array, ...]
-    outputs: tuple[Array, ...]
     run: Callable[[], None]
 
     def __init__(self, function: casadi.Function, *, compiled: bool) -> None:
         self.function, self.compiled = function, compiled
-        self.inputs = tuple(_buffer_of(function.sparsity_in(i)) for i in range(function.n_in()))
-        self.outputs = tuple(_buffer_of(function.sparsity_out(i)) for i in range(function.n_out()))
-        # The function works on the buffers in place and keeps their addresses, so it must not outlive them.
+        self.inputs = tuple(_allocated(function.sparsity_in(i)) for i in range(function.n_in()))
+        self.outputs = tuple(_allocated(function.sparsity_out(i)) for i in range(function.n_out()))
+        # The evaluator keeps the addresses of the buffers, so it lives and dies with them.
         self._buffer, self.run = function.buffer()
-        self._lock = threading.Lock()
         for i, array in enumerate(self.inputs):
-            self._buffer.set_arg(i, memoryview(array.reshape(-1, order="A")))
+            self._buffer.set_arg(i, memoryview(array.reshape(-1, order="F")))
         for i, array in enumerate(self.outputs):
-            self._buffer.set_res(i, memoryview(array.reshape(-1, order="A")))
+            self._buffer.set_res(i, memoryview(array.reshape(-1, order="F")))
+        self._lock = threading.Lock()
 
     @property
     def n_in(self) -> int:
@@ -58,7 +57,7 @@ class Kernel:
     def __call__(self, *arrays: ArrayLike) -> tuple[Array, ...]:
         """Return copies of the outputs for the given inputs; raise `InvalidValue` when shapes do not fit."""
         if len(arrays) != self.n_in:
-            raise InvalidValue("number of inputs", len(arrays), str(self.n_in))
+            raise InvalidValue(f"number of inputs of {self.function.name()}", len(arrays), str(self.n_in))
         values = [np.asarray(array, dtype=float) for array in arrays]
         for i, (buffer, value) in enumerate(zip(self.inputs, values, strict=True)):
             if buffer.shape != value.shape:
@@ -67,32 +66,99 @@ class Kernel:
             for buffer, value in zip(self.inputs, values, strict=True):
                 buffer[...] = value
             self.run()
-            return tuple(output.copy(order="A") for output in self.outputs)
+            return tuple(output.copy(order="K") for output in self.outputs)
 
 
-def _buffer_of(sparsity: casadi.Sparsity) -> Array:
+class BatchKernel:
+    """A function applied to many items by one compiled loop; may be used from several threads at once.
+
+    The number of items is free: they are taken through the loop `size` at a time, the last time with zeros for
+    those that are missing.
+    """
+
+    def __init__(self, kernel: Kernel, size: int, shared: int) -> None:
+        self._kernel, self.size = kernel, size
+        self._items = [_rows(buffer, size) for buffer in kernel.inputs[: kernel.n_in - shared]]
+        self._shared = kernel.inputs[kernel.n_in - shared :]
+        self._results = [_rows(buffer, size) for buffer in kernel.outputs]
+        self._lock = threading.Lock()
+
+    @property
+    def compiled(self) -> bool:
+        """Whether machine code runs, or CasADi's virtual machine."""
+        return self._kernel.compiled
+
+    def __call__(self, *items: Array, shared: Sequence[ArrayLike] = ()) -> tuple[Array, ...]:
+        """Return one array (N, ...) for each output.
+
+        Args:
+            items: one array (N, r) for each input that differs from item to item. Matrices, here and in the
+                results, are flattened column by column.
+            shared: the inputs that all items have in common.
+        """
+        count = len(items[0])
+        results = tuple(np.empty((count, rows.shape[1])) for rows in self._results)
+        with self._lock:
+            for buffer, value in zip(self._shared, shared, strict=True):
+                buffer[...] = value
+            for start in range(0, count, self.size):
+                used = min(self.size, count - start)
+                for rows, values in zip(self._items, items, strict=True):
+                    rows[:used] = values[start : start + used]
+                    rows[used:] = 0.0
+                self._kernel.run()
+                for result, rows in zip(results, self._results, strict=True):
+                    result[start : start + used] = rows[:used]
+        return results
+
+
+def _allocated(sparsity: casadi.Sparsity) -> Array:
     if not sparsity.is_dense():
         raise InvalidValue("sparsity of a kernel's input or output", str(sparsity), "dense")
     rows, columns = sparsity.shape
     return np.zeros(rows) if columns == 1 else np.zeros((rows, columns), order="F")
 
 
+def _rows(buffer: Array, size: int) -> Array:
+    """Return a view with one row for each item: items side by side are one after another in memory."""
+    return buffer.reshape(-1, order="F").reshape(size, -1)
+
+
 def build_kernel(function: casadi.Function) -> Kernel:
     """Return a kernel for a function with dense inputs and outputs, compiled if possible.
 
-    The first build of a function takes seconds, and later ones milliseconds: libraries are kept in the per-user
-    cache. Without a compiler CasADi's virtual machine evaluates the same operations; results agree to rounding.
+    The first build of a function takes up to a second or two, later ones milliseconds: libraries are kept in the
+    per-user cache. Without a compiler CasADi's virtual machine evaluates the same operations; results agree to
+    rounding.
 
     Raises:
         InvalidValue: an input or output is sparse.
     """
-    library = shared_library(function.name(), _source(function))
+    generator = casadi.CodeGenerator(f"{function.name()}.c")
+    generator.add(function)
+    library = shared_library(function.name(), generator.dump())
     if library is None:
         return Kernel(function, compiled=False)
     return Kernel(casadi.external(function.name(), str(library)), compiled=True)
 
 
-def _source(function: casadi.Function) -> str:
-    generator = casadi.CodeGenerator(f"{function.name()}.c")
-    generator.add(function)
-    return generator.dump()
+def build_batch_kernel(function: casadi.Function, size: int, shared: int = 0) -> BatchKernel:
+    """Return a kernel that applies ``function`` to many items, ``size`` at a time.
+
+    The last ``shared`` inputs are the same for all items.
+
+    Raises:
+        InvalidValue: an input or output is sparse.
+    """
+    first_shared = function.n_in() - shared
+    inputs = [
+        casadi.MX.sym(function.name_in(i), *_batched(function.size_in(i), size if i < first_shared else 1))
+        for i in range(function.n_in())
+    ]
+    mapped = function.map("mapped", "serial", size, list(range(first_shared, function.n_in())), [])
+    batch = casadi.Function(f"{function.name()}_{size}", inputs, mapped.call(inputs))
+    return BatchKernel(build_kernel(batch), size, shared)
+
+
+def _batched(shape: tuple[int, int], times: int) -> tuple[int, int]:
+    return shape[0], shape[1] * times

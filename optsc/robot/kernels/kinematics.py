@@ -6,8 +6,6 @@ holds both equal. Coordinates of the chain: p is where a joint's frame is, R how
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi
 import numpy as np
 
@@ -25,13 +23,16 @@ def _constant(array: Array) -> casadi.SX:
     return casadi.SX(casadi.sparsify(casadi.DM(snapped)))
 
 
-def _axis_of(joint: Any, name: str) -> tuple[Array, bool]:
-    """Return the unit axis (3,) of a joint in its own frame, and whether it slides."""
+def axis_of(robot: RobotModel, index: int) -> tuple[Array, bool]:
+    """Return the unit axis (3,) of a joint in its own frame, and whether it slides; raise `InvalidValue`."""
+    joint = robot.model.joints[index + 1]
     data = joint.createData()
     joint.calc(data, np.zeros(1))
+    # The motion subspace tells the axis of every joint type alike: linear part, then angular part.
     linear, angular = np.ravel(data.S)[:3], np.ravel(data.S)[3:]
     if np.any(linear) == np.any(angular):
-        raise InvalidValue(f"type of joint {name}", joint.shortname(), "revolute or prismatic")
+        kind = f"type of joint {robot.joint_names[index]}"
+        raise InvalidValue(kind, joint.shortname(), "revolute or prismatic")
     return (linear, True) if np.any(linear) else (angular, False)
 
 
@@ -58,7 +59,7 @@ def chain(robot: RobotModel, q: casadi.SX) -> tuple[casadi.SX, casadi.SX, casadi
         placement = model.jointPlacements[i + 1]
         p = p + R @ _constant(placement.translation)
         R = R @ _constant(placement.rotation)
-        axis, slides = _axis_of(model.joints[i + 1], robot.joint_names[i])
+        axis, slides = axis_of(robot, i)
         axes.append((R @ _constant(axis), p, slides))
         if slides:
             p = p + axes[-1][0] * q[i]

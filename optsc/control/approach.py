@@ -1,0 +1,86 @@
+"""The automatic motion: straight line and SLERP from pose to pose, with a jerk-limited time law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot, isfinite
+from typing import NamedTuple
+
+from optsc.errors import InvalidValue
+from optsc.geometry import scalar
+from optsc.geometry.scalar import Quaternion, Vector
+from optsc.shaping import TimeLaw
+
+
+@dataclass(frozen=True)
+class Approach:
+    """How the robot moves by itself.
+
+    Attributes:
+        speed: of the tool along its path [m/s]; the paper's value is 0.1.
+        angular_speed: of the tool where a path turns more than it travels [rad/s].
+        acceleration, jerk: of the time law along the path [m/s^2, m/s^3].
+        standoff: distance of the pre-grasp from the grasp, back along the approach axis [m].
+        lift: height to lift an object to [m].
+        carry_time: how long an object is carried before the task counts as finished [s].
+        settle_time: how long the arm may take to catch up at the end of a path before that is a fault [s].
+        position_tolerance, angle_tolerance: what counts as arrived [m, rad].
+    """
+
+    speed: float = 0.1
+    angular_speed: float = 0.5
+    acceleration: float = 0.5
+    jerk: float = 5.0
+    standoff: float = 0.1
+    lift: float = 0.15
+    carry_time: float = 1.2
+    settle_time: float = 1.0
+    position_tolerance: float = 1e-3
+    angle_tolerance: float = 1e-2
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (isfinite(value) and value > 0):
+                raise InvalidValue(name, value, "positive and finite")
+
+
+class PathTarget(NamedTuple):
+    """Pose of T in W and its linear and angular velocity [m/s, rad/s]."""
+
+    p: Vector
+    q: Quaternion
+    v: Vector
+    w: Vector
+
+
+class StraightPath:
+    """From one pose to another on a straight line, turning about one axis, from rest to rest."""
+
+    def __init__(
+        self, settings: Approach, p: Vector, q: Quaternion, end_p: Vector, end_q: Quaternion
+    ) -> None:
+        self._p, self._q = p, q
+        self._shift = (end_p[0] - p[0], end_p[1] - p[1], end_p[2] - p[2])
+        self._turn = scalar.log(scalar.multiply(end_q, scalar.conjugate(q)))
+        turning = hypot(*self._turn) * settings.speed / settings.angular_speed
+        # Both parts share one law; the slower of the two sets the pace.
+        self._law = TimeLaw(
+            max(hypot(*self._shift), turning, 1e-9), settings.speed, settings.acceleration, settings.jerk
+        )
+
+    @property
+    def duration(self) -> float:
+        """Time from rest to rest [s]."""
+        return self._law.duration
+
+    def at(self, time: float) -> PathTarget:
+        """Return the target at ``time`` [s] since the start."""
+        point = self._law.at(time)
+        share, rate = point.s / self._law.length, point.rate / self._law.length
+        (x, y, z), (dx, dy, dz), (ax, ay, az) = self._p, self._shift, self._turn
+        return PathTarget(
+            (x + share * dx, y + share * dy, z + share * dz),
+            scalar.multiply(scalar.exp((share * ax, share * ay, share * az)), self._q),
+            (rate * dx, rate * dy, rate * dz),
+            (rate * ax, rate * ay, rate * az),
+        )

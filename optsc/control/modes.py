@@ -1,0 +1,91 @@
+"""The control modes and their one transition table.
+
+`docs/state-machine.md` is generated from this table, and a test holds the two equal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum
+from types import MappingProxyType
+
+
+class Mode(Enum):
+    """What the controller is doing."""
+
+    HOLD = "hold"
+    MANUAL = "manual"
+    APPROACH = "approach"
+    ADVANCE = "advance"
+    CLOSE = "close"
+    LIFT = "lift"
+    CARRY = "carry"
+
+    @property
+    def automatic(self) -> bool:
+        """Whether the robot moves by itself."""
+        return self not in (Mode.HOLD, Mode.MANUAL)
+
+
+class Event(Enum):
+    """What can end a mode."""
+
+    ENGAGED = "the operator closes the clutch"
+    TRIGGERED = "the operator presses the trigger"
+    ARRIVED = "the end of the path is reached"
+    CLOSED = "the jaws have come to rest"
+    FAULT = "something cannot be trusted any more"
+
+
+_BY_EVENT: dict[tuple[Mode, Event], Mode] = {
+    (Mode.HOLD, Event.ENGAGED): Mode.MANUAL,
+    (Mode.HOLD, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.MANUAL, Event.TRIGGERED): Mode.APPROACH,
+    (Mode.APPROACH, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.APPROACH, Event.ARRIVED): Mode.ADVANCE,
+    (Mode.ADVANCE, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.ADVANCE, Event.ARRIVED): Mode.CLOSE,
+    (Mode.CLOSE, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.CLOSE, Event.CLOSED): Mode.LIFT,
+    (Mode.LIFT, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.LIFT, Event.ARRIVED): Mode.CARRY,
+    (Mode.CARRY, Event.TRIGGERED): Mode.MANUAL,
+}
+
+TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = MappingProxyType(
+    {**_BY_EVENT, **{(mode, Event.FAULT): Mode.HOLD for mode in Mode}}
+)
+"""The mode that follows on an event; an event that is not listed for a mode changes nothing."""
+
+
+def next_mode(mode: Mode, event: Event | None) -> Mode:
+    """Return the mode after ``event``."""
+    return mode if event is None else TRANSITIONS.get((mode, event), mode)
+
+
+def markdown() -> str:
+    """Return the table and its diagram as the text of ``docs/state-machine.md``."""
+    lines = [
+        "# State machine",
+        "",
+        "Generated from `optsc/control/modes.py`; change it there and run `optsc doctor --state-machine`.",
+        "",
+        "| mode | event | next mode |",
+        "|---|---|---|",
+    ]
+    lines += [
+        f"| {mode.value} | {event.value} | {after.value} |" for (mode, event), after in TRANSITIONS.items()
+    ]
+    lines += ["", "```mermaid", "stateDiagram-v2", f"    [*] --> {Mode.HOLD.value}"]
+    lines += [
+        f"    {mode.value} --> {after.value}: {event.name.lower()}"
+        for (mode, event), after in TRANSITIONS.items()
+        if event is not Event.FAULT
+    ]
+    lines += [
+        "```",
+        "",
+        "A fault leads from every mode to hold. Hold is left only by the operator, with the clutch or the trigger.",
+        "",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,47 @@
+"""The grasp selector with this library's inverse kinematics built in: selection and IK meet here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from optsc import selection
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.ik.batch import solve_ik
+from optsc.robot import RobotModel
+from optsc.robot.manipulability import Manipulability
+from optsc.selection import GraspFilter, Rule
+
+RESTARTS = 8
+"""Attempts for a grasp that is not reached from the present posture; those behind need a different branch anyway."""
+
+
+class GraspSelector(selection.GraspSelector):
+    """`optsc.selection.GraspSelector` that solves the reach of its candidates with `optsc.solve_ik`."""
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        rule: Rule | None = None,
+        manipulability: Manipulability | None = None,
+        *,
+        standoff: float = 0.1,
+        filters: Sequence[GraspFilter] = (),
+    ) -> None:
+        """Make a selector without candidates.
+
+        Args:
+            robot: the arm.
+            rule: how candidates are ranked; by default the paper's cascade.
+            manipulability: the measure M; by default Yoshikawa's index times the normalised joint limit penalty.
+            standoff: distance from the pre-grasp to the grasp along the approach axis [m].
+            filters: which candidates may be ranked, besides reachability.
+        """
+
+        def solve(X_WT: Pose, seeds: Array) -> tuple[Array, np.ndarray]:
+            solutions = solve_ik(robot, X_WT, rng=np.random.default_rng(0), seeds=seeds, restarts=RESTARTS)
+            return solutions.q, solutions.success
+
+        super().__init__(robot, rule, manipulability, solve=solve, standoff=standoff, filters=filters)

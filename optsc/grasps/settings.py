@@ -1,0 +1,53 @@
+"""The numbers that decide which grasps are kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from optsc.errors import InvalidValue
+
+
+@dataclass(frozen=True)
+class AntipodalSettings:
+    """Settings of `sample_grasps`.
+
+    Attributes:
+        count: grasps wanted per object.
+        friction: Coulomb coefficient [-] whose cone both contacts have to lie in.
+        standoff: length of the straight approach along the tool's z axis that has to be free [m].
+        clearance: distance that the gripper keeps from the object until it closes [m].
+        table_clearance: distance that the gripper keeps from the table, the plane z = 0 of the object's frame [m].
+        lowest_elevation: smallest angle above the horizontal from which the hand may come [rad].
+        min_coverage: share of each pad's area that has to carry load [-].
+        max_eccentricity: greatest distance of the load's middle from the pad's middle, in half pad sizes [-].
+        min_alignment: smallest cosine between the closing axis and the mean normal under a pad [-].
+        max_lever: greatest horizontal distance of the centre of mass from the vertical plane through the closing
+            axis [m]: gravity turns the object between the pads with this lever.
+        spacing: mean distance of the surface points that all checks use [m].
+        pool: sound grasps to gather for each one wanted, so that there is something to choose from.
+        max_rounds: after so many rounds of sampling the pool is taken as it is.
+    """
+
+    count: int = 150
+    friction: float = 0.5
+    standoff: float = 0.10
+    clearance: float = 0.003
+    table_clearance: float = 0.003
+    lowest_elevation: float = 0.0
+    min_coverage: float = 0.2
+    max_eccentricity: float = 0.6
+    min_alignment: float = 0.99
+    max_lever: float = 0.06
+    spacing: float = 0.002
+    pool: int = 8
+    max_rounds: int = 60
+
+    def __post_init__(self) -> None:
+        limits = {"lowest_elevation": 1.57, "min_coverage": 1.0, "max_eccentricity": 1.0, "min_alignment": 1.0}
+        for field in fields(self):
+            value, top = getattr(self, field.name), limits.get(field.name, 1e6)
+            at_least = 1 if isinstance(field.default, int) else 0.0
+            if not at_least <= value <= top:
+                raise InvalidValue(f"AntipodalSettings.{field.name}", value, f"{at_least} to {top:g}")
+        if self.spacing < 1e-4:
+            raise InvalidValue("AntipodalSettings.spacing", self.spacing, "at least 0.0001 m")

@@ -1,0 +1,125 @@
+"""Whether a command stayed within the arm's limits."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optsc.errors import InvalidValue
+from optsc.geometry.rotation import Array
+from optsc.metrics.checks import finite, positive
+
+TOLERANCE = 1e-9
+"""How far beyond a limit a value may be, in the limit's own unit, before it counts: rounding, no more."""
+
+
+class LimitViolations(NamedTuple):
+    """How often and how far a joint command left its limits.
+
+    Attributes:
+        position: samples at which some joint is beyond a position limit.
+        velocity: the same for velocities.
+        acceleration: the same for accelerations.
+        jerk: the same for jerks, the differences of acceleration from one sample to the next.
+        position_margin: least distance to a position limit [rad]; negative beyond it.
+        velocity_ratio: greatest share of a velocity limit that was used [-].
+        acceleration_ratio: the same for accelerations.
+        jerk_ratio: the same for jerks.
+    """
+
+    position: int
+    velocity: int
+    acceleration: int
+    jerk: int
+    position_margin: float
+    velocity_ratio: float
+    acceleration_ratio: float
+    jerk_ratio: float
+
+    @property
+    def total(self) -> int:
+        """All violations together."""
+        return self.position + self.velocity + self.acceleration + self.jerk
+
+
+def limit_violations(
+    rate: float,
+    q: ArrayLike,
+    v: ArrayLike,
+    a: ArrayLike,
+    *,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    velocity: ArrayLike,
+    acceleration: ArrayLike,
+    jerk: ArrayLike,
+    tolerance: float = TOLERANCE,
+) -> LimitViolations:
+    """Return how often and how far commands at ``rate`` [Hz] left their limits.
+
+    Args:
+        rate: of the samples [Hz].
+        q, v, a: joint positions [rad], velocities [rad/s] and accelerations [rad/s^2], each (N, n).
+        lower, upper: position limits (n,) [rad].
+        velocity, acceleration, jerk: greatest magnitudes (n,) [rad/s], [rad/s^2], [rad/s^3].
+        tolerance: what is taken for rounding, in the unit of each limit.
+
+    Without samples there are no violations, all shares are 0 and the margin is infinite. Raises
+    `InvalidValue` when a command is not finite, or shapes or limits do not fit.
+    """
+    positive("rate", rate)
+    commands = [finite(name, x) for name, x in (("q", q), ("v", v), ("a", a))]
+    if len({x.shape for x in commands}) != 1:
+        raise InvalidValue("q, v and a", [x.shape for x in commands], "one shape (N, n)")
+    positions, velocities, accelerations = commands
+    n = positions.shape[1]
+    low, high = _limits("lower", lower, n, -np.inf), _limits("upper", upper, n, -np.inf)
+    margin = np.minimum(positions - low, high - positions)
+    jerks = np.diff(accelerations, axis=0) * rate
+    used = [
+        _used(x, _limits(name, limit, n, 0.0), tolerance)
+        for name, x, limit in (
+            ("velocity", velocities, velocity),
+            ("acceleration", accelerations, acceleration),
+            ("jerk", jerks, jerk),
+        )
+    ]
+    return LimitViolations(
+        position=_rows(margin < -tolerance),
+        velocity=used[0][0],
+        acceleration=used[1][0],
+        jerk=used[2][0],
+        position_margin=float(np.min(margin, initial=np.inf)),
+        velocity_ratio=used[0][1],
+        acceleration_ratio=used[1][1],
+        jerk_ratio=used[2][1],
+    )
+
+
+def rms_jerk_ratio(a: ArrayLike, rate: float, jerk: ArrayLike) -> float:
+    """Return the root mean square, over time and joints, of the jerk's share of its limit [-].
+
+    ``a`` are accelerations (N, n) [rad/s^2] at ``rate`` [Hz], ``jerk`` the limits (n,) [rad/s^3]; 0 for fewer
+    than two samples.
+    """
+    accelerations = finite("a", a)
+    positive("rate", rate)
+    share = np.diff(accelerations, axis=0) * rate / _limits("jerk", jerk, accelerations.shape[1], 0.0)
+    return float(np.sqrt(np.mean(share * share))) if share.size else 0.0
+
+
+def _limits(name: str, value: ArrayLike, n: int, above: float) -> Array:
+    limits = np.asarray(value, dtype=float)
+    if limits.shape != (n,) or np.any(np.isnan(limits)) or not np.all(limits > above):
+        raise InvalidValue(f"{name} limits", limits.tolist(), f"shape ({n},), above {above}")
+    return limits
+
+
+def _used(x: Array, limit: Array, tolerance: float) -> tuple[int, float]:
+    return _rows(np.abs(x) > limit + tolerance), float(np.max(np.abs(x) / limit, initial=0.0))
+
+
+def _rows(beyond: NDArray[np.bool_]) -> int:
+    return int(np.count_nonzero(np.any(beyond, axis=1)))

@@ -1,0 +1,53 @@
+"""How far an arm can possibly reach: a bound that needs no search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optsc.geometry.rotation import Array
+from optsc.robot.kernels.kinematics import axis_of
+from optsc.robot.model import RobotModel
+
+MARGIN = 1e-3
+"""Added to the bound [m]: a pose just outside is within a solver's tolerance of one inside."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """A ball that holds the origin of the last joint in every posture.
+
+    Where the last joint is follows from the pose of the tool alone, because turning it does not move it.
+
+    Attributes:
+        centre: origin of the first joint (3,), in W [m].
+        radius: sum of the distances between successive joints, and of how far they slide [m].
+        last: origin of the last joint (3,), in T [m].
+    """
+
+    centre: Array
+    radius: float
+    last: Array
+
+    def excludes(self, R_WT: Array, p_WT: Array) -> NDArray[np.bool_]:
+        """Tell for each pose (..., 3, 3), (..., 3) whether it is out of reach for certain.
+
+        Poses that are not excluded may be out of reach as well.
+        """
+        return np.linalg.norm(R_WT @ self.last + p_WT - self.centre, axis=-1) > self.radius + MARGIN
+
+
+def reach(robot: RobotModel) -> Reach:
+    """Return the bound for an arm; its radius is infinite where a joint slides without limit."""
+    model = robot.model
+    between = sum(float(np.linalg.norm(model.jointPlacements[i].translation)) for i in range(2, robot.n + 1))
+    furthest = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
+    slides = sum(furthest[i] for i in range(robot.n) if axis_of(robot, i)[1])
+    tip = model.frames[robot.tip_id].placement
+    return Reach(
+        centre=np.array(model.jointPlacements[1].translation),
+        radius=between + slides,
+        last=-tip.rotation.T @ tip.translation,
+    )

@@ -1,0 +1,41 @@
+"""Grasp selection: reach table, cost terms, filters, ranking rules, explanation."""
+
+from optsc.selection.clearance import GraspClearance
+from optsc.selection.costs import (
+    GraspCost,
+    JointTravel,
+    ManipulabilityLoss,
+    OrientationDistance,
+    PoseDistance,
+    PositionDistance,
+    QualityLoss,
+)
+from optsc.selection.filters import AtMost, GraspFilter
+from optsc.selection.ranking import Ranking, Target
+from optsc.selection.reach import ReachTable, refresh, solve_reach
+from optsc.selection.rules import Cascade, Lexicographic, Rule, Stage, WeightedSum
+from optsc.selection.selector import GraspSelector
+
+__all__ = [
+    "AtMost",
+    "Cascade",
+    "GraspClearance",
+    "GraspCost",
+    "GraspFilter",
+    "GraspSelector",
+    "JointTravel",
+    "Lexicographic",
+    "ManipulabilityLoss",
+    "OrientationDistance",
+    "PoseDistance",
+    "PositionDistance",
+    "QualityLoss",
+    "Ranking",
+    "ReachTable",
+    "Rule",
+    "Stage",
+    "Target",
+    "WeightedSum",
+    "refresh",
+    "solve_reach",
+]

@@ -1,0 +1,198 @@
+"""Cost terms: each one finite number with a unit for every candidate; lower is better.
+
+A cost knows nothing of the rule that ranks by it. Shapes (K, M) are the places of `optsc.selection.grid`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from optsc.errors import InvalidValue
+from optsc.geometry.rotation import Array
+from optsc.selection.grid import Situation
+
+
+class GraspCost(ABC):
+    """One cost term.
+
+    Attributes:
+        name: what it is called in tables and explanations.
+        unit: its unit; "-" for a plain number.
+        resolution: keys that differ by less are ties. Far above rounding, far below anything that matters, so
+            that the ranking does not hang on the last digit.
+    """
+
+    name: str
+    unit: str
+    resolution: float = 1e-12
+
+    @abstractmethod
+    def values(self, situation: Situation) -> Array:
+        """Return the cost (K, M) of every candidate, in `unit`."""
+
+    def key(self, situation: Situation) -> Array:
+        """Return any strictly increasing function (K, M) of `values` that is cheaper to have."""
+        return self.values(situation)
+
+    def describe(self, value: float) -> str:
+        """Return a cost in words and numbers."""
+        return f"{self.name} {value:.3g}" + ("" if self.unit == "-" else f" {self.unit}")
+
+
+@dataclass(frozen=True)
+class OrientationDistance(GraspCost):
+    """d_a = min(||q - q_i||, ||q + q_i||) [-], the paper's orientation distance: 2 sin(angle / 4).
+
+    Of unit quaternions its square is 2 - 2 |q . q_i|, which is compared instead.
+    """
+
+    name = "orientation"
+    unit = "-"
+
+    def values(self, situation: Situation) -> Array:
+        """Return d_a (K, M)."""
+        return np.sqrt(np.maximum(self.key(situation), 0.0))
+
+    def key(self, situation: Situation) -> Array:
+        """Return the square of d_a (K, M), up to rounding."""
+        return 2.0 - 2.0 * situation.similarity
+
+
+@dataclass(frozen=True)
+class PositionDistance(GraspCost):
+    """d_l = ||p - p_i|| [m] between the tool and the grasp."""
+
+    name = "position"
+    unit = "m"
+
+    def values(self, situation: Situation) -> Array:
+        """Return d_l (K, M) [m]."""
+        return np.sqrt(self.key(situation))
+
+    def key(self, situation: Situation) -> Array:
+        """Return the square of d_l (K, M) [m^2]."""
+        offset = situation.grid.positions - situation.position[:, None, None]
+        return np.einsum("ikm,ikm->km", offset, offset)
+
+
+@dataclass(frozen=True)
+class ManipulabilityLoss(GraspCost):
+    """-M, the penalised manipulability at the grasp's posture with its sign turned, in the unit of the measure."""
+
+    name = "manipulability"
+    unit = "-"
+
+    def values(self, situation: Situation) -> Array:
+        """Return -M (K, M)."""
+        return -situation.chosen(situation.grid.manipulability)
+
+    def describe(self, value: float) -> str:
+        """Return M itself, which is better when higher."""
+        return f"{self.name} {-value:.3g}"
+
+
+@dataclass(frozen=True)
+class PoseDistance(GraspCost):
+    """Weighted pose distance in the gripper frame of each candidate [m].
+
+    xi = [R_i^T (p - p_i), log(R_i^T R)] is the hand as seen from grasp i, and the cost is the square root of
+    sum_j w_j xi_j^2 with the rotational weights multiplied by length^2. The weights being fixed to the gripper, the
+    cost does not depend on the world frame. z is the approach axis, y the closing axis: a lower weight of z forgives
+    distance along the approach, which the gripper travels anyway; a lower weight of rotation z forgives roll.
+
+    Attributes:
+        position: weights of x, y, z [-].
+        rotation: weights of the rotation about x, y, z [-].
+        length: metres that one radian counts for.
+    """
+
+    position: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    rotation: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    length: float = 0.15
+
+    name = "pose"
+    unit = "m"
+
+    def __post_init__(self) -> None:
+        weights = np.array([*self.position, *self.rotation, self.length], dtype=float)
+        if weights.shape != (7,) or not np.all(np.isfinite(weights) & (weights >= 0.0)):
+            raise InvalidValue("pose weights and length", weights.tolist(), "three, three and one, 0 or more")
+
+    def values(self, situation: Situation) -> Array:
+        """Return the weighted distance (K, M) [m]."""
+        return np.sqrt(self.key(situation))
+
+    def key(self, situation: Situation) -> Array:
+        """Return its square (K, M) [m^2]."""
+        grid, shape = situation.grid, situation.similarity.shape
+        offset = situation.position[:, None, None] - grid.positions
+        # A half turn changes the signs of x and y alone, which the squares do not see: any twin will do.
+        p = np.add.reduce(grid.rotations * offset[:, None], axis=0).reshape(3, -1)
+        # conj(q_i) q is linear in q_i: one matrix product for all candidates.
+        q = situation.chosen(grid.quaternions).reshape(4, -1)
+        w, *v = _left_conjugate(situation.quaternion) @ q
+        squares = np.square(v)
+        sine = np.sqrt(np.add.reduce(squares, axis=0))
+        # The rotation vector is v times angle / sine, and that ratio is 2 where the angle vanishes.
+        ratio = 2.0 * np.arctan2(sine, np.abs(w)) / np.maximum(sine, 1e-300)
+        ratio[sine < 1e-12] = 2.0
+        weights = self.length**2 * np.array(self.rotation)
+        total = np.array(self.position) @ np.square(p) + (weights @ squares) * np.square(ratio)
+        return total.reshape(shape)
+
+
+def _left_conjugate(q: Array) -> Array:
+    """Return the matrix A (4, 4) with A a = conj(a) q for every quaternion a (4,)."""
+    w, x, y, z = q.tolist()
+    return np.array([[w, x, y, z], [x, -w, -z, y], [y, z, -w, -x], [z, -y, x, -w]])
+
+
+@dataclass(frozen=True)
+class JointTravel(GraspCost):
+    """Largest joint motion [rad] from the present posture to the grasp's: a large one means another IK branch."""
+
+    name = "joint travel"
+    unit = "rad"
+
+    def values(self, situation: Situation) -> Array:
+        """Return max_j |q_j - q_grasp_j| (K, M) [rad]."""
+        travel = np.abs(situation.grid.q_grasp - situation.q[:, None, None, None])
+        return situation.chosen(np.maximum.reduce(travel, axis=0))
+
+
+@dataclass(frozen=True)
+class QualityLoss(GraspCost):
+    """1 - quality [-] of the stored grasp."""
+
+    name = "quality"
+    unit = "-"
+
+    def values(self, situation: Situation) -> Array:
+        """Return 1 - quality (K, M)."""
+        return 1.0 - situation.grid.quality
+
+    def describe(self, value: float) -> str:
+        """Return the quality itself, which is better when higher."""
+        return f"{self.name} {1.0 - value:.3g}"
+
+
+@dataclass(frozen=True)
+class SumOfCosts(GraspCost):
+    """Weighted sum of costs [-]; a weight has the inverse unit of its cost."""
+
+    terms: tuple[tuple[GraspCost, float], ...]
+
+    name = "weighted sum"
+    unit = "-"
+    resolution = 1e-9
+
+    def values(self, situation: Situation) -> Array:
+        """Return the sum (K, M); a term of weight zero is not even computed."""
+        total = np.zeros(situation.similarity.shape)
+        for cost, weight in self.terms:
+            if weight != 0.0:
+                total = total + weight * cost.values(situation)
+        return total

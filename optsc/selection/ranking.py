@@ -1,0 +1,251 @@
+"""What ranking gives: per object the chosen grasp, and on request everything that led to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import acos, dist, inf
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from optsc.errors import InvalidValue, UnknownName
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.selection import explain
+from optsc.selection.filters import GraspFilter
+from optsc.selection.grid import Grid, Situation, situate
+from optsc.selection.reach import REASONS
+from optsc.selection.rules import Rule, Selection
+
+METRES_PER_RADIAN = 0.15
+"""What a radian counts for when objects are compared: the reach of a gripper, as in the pose distance."""
+
+
+class Target(NamedTuple):
+    """A chosen grasp, ready to be approached.
+
+    Attributes:
+        object_name: which object.
+        candidate: index into the candidates.
+        grasp_index: index into the object's grasp set.
+        half_turn: whether X_WG is the stored pose turned by half a turn about its z axis (the jaws' symmetry).
+        X_WG, X_WP: tool poses at the grasp and at the pre-grasp.
+        q, q_pregrasp: postures (n,) found there [rad].
+        opening: distance between the pads when they hold the object [m].
+        manipulability: the measure at ``q``.
+    """
+
+    object_name: str
+    candidate: int
+    grasp_index: int
+    half_turn: bool
+    X_WG: Pose
+    X_WP: Pose
+    q: Array
+    q_pregrasp: Array
+    opening: float
+    manipulability: float
+
+
+class View(NamedTuple):
+    """A ranked situation in full: what `Ranking` computes again when someone asks for more than the choice."""
+
+    situation: Situation
+    selection: Selection
+    reasons: tuple[str, ...]
+    rejected: np.ndarray  # (K, M) index into reasons; 0 where admissible
+
+
+def decide(
+    grid: Grid, rule: Rule, filters: tuple[GraspFilter, ...], quaternion: Array, position: Array, q: Array
+) -> tuple[Situation, Selection]:
+    """Return the situation at a finite hand pose and what ``rule`` makes of it. The heart of a control tick."""
+    situation = situate(grid, quaternion, position, q)
+    admissible = grid.reachable
+    for one in filters:
+        admissible = admissible & one.passes(situation)
+    return situation, rule.select(situation, admissible)
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """The candidates of every object as ranked for one pose of the hand.
+
+    A value: it keeps the inputs of the ranking, and computes order, costs and explanation from them when asked.
+
+    Attributes:
+        chosen: object name -> candidate index of its best grasp, None where none is admissible.
+        best: the object whose chosen grasp is nearest to the tool (position distance + 0.15 m/rad times angle);
+            None where nothing is chosen. Of two equally near the first by name.
+        stale: whether some grasp in the final choice was judged by a posture that belongs to another posture of
+            the arm, because the work of one call is bounded; the next calls catch up.
+        reason: "" or why this ranking is empty or that of an earlier call.
+    """
+
+    chosen: Mapping[str, int | None]
+    best: str | None
+    stale: bool = False
+    reason: str = ""
+    _inputs: tuple[Grid, Rule, tuple[GraspFilter, ...], Array, Array, Array] | None = None
+
+    @classmethod
+    def empty(cls, reason: str) -> Ranking:
+        """Return a ranking of nothing."""
+        return cls(MappingProxyType({}), None, reason=reason)
+
+    @classmethod
+    def of_decision(
+        cls,
+        situation: Situation,
+        selection: Selection,
+        rule: Rule,
+        filters: tuple[GraspFilter, ...],
+        stale: bool,
+    ) -> Ranking:
+        """Return the ranking of what `decide` found."""
+        grid, quaternion, position, q = situation[:4]
+        layout = grid.layout
+        width = layout.index.shape[1]
+        places = [k * width + max(column, 0) for k, column in enumerate(selection.winner)]
+        candidates = layout.index.ravel()[places].tolist()
+        similarities = situation.similarity.ravel()[places].tolist()
+        positions = grid.positions.reshape(3, -1)[:, places].T.tolist()
+        chosen: dict[str, int | None] = dict.fromkeys(layout.names)
+        best, nearest, hand = None, inf, position.tolist()
+        for k, name in enumerate(layout.names):
+            if selection.winner[k] < 0:
+                continue
+            chosen[name] = candidates[k]
+            angle = 2.0 * acos(min(1.0, similarities[k]))
+            distance = dist(hand, positions[k]) + METRES_PER_RADIAN * angle
+            if distance < nearest:
+                best, nearest = name, distance
+        inputs = (grid, rule, filters, quaternion, position, q)
+        return cls(MappingProxyType(chosen), best, stale, "", inputs)
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names of the ranked objects, sorted."""
+        return tuple(self.chosen)
+
+    def target(self, object_name: str | None = None) -> Target | None:
+        """Return the chosen grasp of an object, by default of `best`; None where there is none.
+
+        Raises:
+            UnknownName: no such object was ranked.
+        """
+        name = self.best if object_name is None else object_name
+        if name is None:
+            return None
+        candidate = self.chosen[self._checked(name)]
+        return None if candidate is None else self._target_of(name, candidate)
+
+    def target_of(self, i: int) -> Target:
+        """Return candidate ``i`` as a target, chosen or not; the jaw twin is the one that suits the hand."""
+        table = self._grid.table
+        name = table.candidates.object_names[int(table.candidates.object_index[self._candidate(i)])]
+        return self._target_of(name, i)
+
+    def _target_of(self, name: str, i: int) -> Target:
+        table = self._grid.table
+        turned = self.view.situation.turned
+        t = 0 if turned is None else int(self._grid.layout.gather(turned)[i])
+        return Target(
+            object_name=name,
+            candidate=int(i),
+            grasp_index=int(table.candidates.grasp_index[i]),
+            half_turn=bool(t),
+            X_WG=table.X_WG[i, t],
+            X_WP=table.X_WP[i, t],
+            q=table.q_grasp[i, t],
+            q_pregrasp=table.q_pregrasp[i, t],
+            opening=float(table.candidates.opening[i]),
+            manipulability=float(table.manipulability[i, t]),
+        )
+
+    @property
+    def order(self) -> np.ndarray:
+        """Admissible candidates of all objects, best first: object by object, the one of `best` first, then by
+        name."""
+        names = sorted(self.chosen, key=lambda name: name != self.best)
+        lines = [self.of(name) for name in names]
+        return np.concatenate(lines) if lines else np.zeros(0, dtype=np.int64)
+
+    def of(self, object_name: str) -> np.ndarray:
+        """Return the admissible candidates of one object, best first; raise `UnknownName`."""
+        k = self.object_names.index(self._checked(object_name))
+        return self._grid.layout.index[k, self.view.selection.order(k)]
+
+    @property
+    def total(self) -> Array:
+        """The cost (N,) that decides in the end: the weighted sum, or that of a cascade's last stage."""
+        return self.cost_of(self._rule.deciding_cost)
+
+    @property
+    def costs(self) -> dict[str, Array]:
+        """Every cost of the rule by name, each (N,) in its unit, for all candidates."""
+        return {cost.name: self.cost_of(cost) for cost in self._rule.costs} if self._inputs else {}
+
+    def cost_of(self, cost: object) -> Array:
+        """Return any cost term (N,) for all candidates at this pose of the hand."""
+        if self._inputs is None:
+            return np.zeros(0)
+        return self._grid.layout.gather(cost.values(self.view.situation))  # type: ignore[attr-defined]
+
+    @property
+    def rejected_by(self) -> np.ndarray:
+        """Why each candidate (N,) is not the chosen one of its object: a filter's reason or the stage; "" if it is."""
+        if self._inputs is None:
+            return np.zeros(0, dtype=object)
+        view = self.view
+        left = view.selection.left_at()
+        words = np.array([*view.reasons, *self._rule.stages, ""], dtype=object)
+        codes = np.where(left < 0, view.rejected, len(view.reasons) + left)
+        return self._grid.layout.gather(words[codes])
+
+    @cached_property
+    def view(self) -> View:
+        """The situation and the selection in full."""
+        grid, rule, filters, quaternion, position, q = self._known
+        situation, selection = decide(grid, rule, filters, quaternion, position, q)
+        reasons = (*REASONS, *(one.reason for one in filters))
+        rejected = np.where(grid.reachable, 0, situation.chosen(grid.status)).astype(np.int64)
+        for number, one in enumerate(filters, start=len(REASONS)):
+            rejected = np.where((rejected == 0) & ~one.passes(situation), number, rejected)
+        return View(situation, selection, reasons, rejected)
+
+    def explain(self, i: int | None = None) -> str:
+        """Return in words and numbers what was chosen and why, or why candidate ``i`` was or was not."""
+        if self._inputs is None:
+            return f"No ranking: {self.reason}."
+        if i is None:
+            return explain.ranking(self)
+        return explain.candidate(self, self._candidate(i))
+
+    @property
+    def _known(self) -> tuple[Grid, Rule, tuple[GraspFilter, ...], Array, Array, Array]:
+        if self._inputs is None:
+            raise InvalidValue("ranking", f"empty: {self.reason}", "a ranking of at least one candidate")
+        return self._inputs
+
+    @property
+    def _grid(self) -> Grid:
+        return self._known[0]
+
+    @property
+    def _rule(self) -> Rule:
+        return self._known[1]
+
+    def _checked(self, name: str) -> str:
+        if name not in self.chosen:
+            raise UnknownName("ranked object", name, self.chosen)
+        return name
+
+    def _candidate(self, i: int) -> int:
+        count = len(self._grid.layout.place)
+        if not 0 <= i < count:
+            raise InvalidValue("candidate index", i, f"0 to {count - 1}")
+        return int(i)

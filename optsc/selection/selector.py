@@ -1,0 +1,230 @@
+"""The grasp selector: keeps the reach table of the placed candidates and ranks them against the moving hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import inf, isfinite, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optsc.errors import InvalidValue
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.selection.filters import GraspFilter
+from optsc.selection.grid import Grid, Situation
+from optsc.selection.ranking import Ranking, decide
+from optsc.selection.reach import ClearRows, Measure, ReachTable, SolveIk, refresh, solve_reach
+from optsc.selection.rules import Cascade, Rule, Selection
+
+if TYPE_CHECKING:
+    from optsc.grasps import Candidates
+    from optsc.robot import RobotModel
+
+FINALISTS = 6
+"""How many of the best grasps of each object must be judged from the arm's present posture."""
+
+
+class GraspSelector:
+    """Ranks the grasps of every object for the pose of the hand.
+
+    On the scene clock `observe` solves the reach table; on the control clock `rank` reads it. Two kinds of numbers
+    depend on where the arm stands, the postures and their manipulability; so before the final choice the best grasps
+    of every object that were solved from a posture further away than ``refresh_angle`` are solved again, at most
+    ``refresh_limit`` of them in one call.
+
+    Unreachable candidates are filtered out before any stage, so that a stage of 30 means 30 grasps that the arm
+    can carry out. Where jaws are symmetric, a candidate also stands for its half-turned twin: of those twins the arm
+    can carry out, the one nearer to the hand in orientation.
+
+    Attributes:
+        robot: the arm.
+        rule: how candidates are ranked.
+        filters: which candidates may be ranked, besides reachability.
+        candidates, table: what was observed last, and its reach table; None before.
+        ranking: the newest ranking of a usable hand pose, None before.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        rule: Rule | None = None,
+        manipulability: Measure | None = None,
+        *,
+        solve: SolveIk,
+        standoff: float = 0.10,
+        filters: Sequence[GraspFilter] = (),
+        refresh_angle: float = 0.1,
+        refresh_limit: int = 6,
+    ) -> None:
+        """Make a selector without candidates.
+
+        Args:
+            robot: the arm.
+            rule: by default the paper's cascade.
+            manipulability: the measure M; by default `optsc.robot.manipulability.Manipulability()`.
+            solve: inverse kinematics, see `optsc.selection.reach.SolveIk`.
+            standoff: distance from the pre-grasp to the grasp along the approach axis [m].
+            filters: which candidates may be ranked, besides reachability.
+            refresh_angle: how far a joint may be [rad] from where a finalist was solved before it is solved again.
+            refresh_limit: rows solved again in one call of `rank`, at most.
+
+        Raises:
+            InvalidValue: a setting out of range.
+        """
+        if not refresh_angle > 0.0:
+            raise InvalidValue("refresh_angle", refresh_angle, "above 0 rad")
+        if refresh_limit < 0:
+            raise InvalidValue("refresh_limit", refresh_limit, "0 or more")
+        if not 0.0 <= standoff < inf:
+            raise InvalidValue("standoff", standoff, "0 m or more")
+        if manipulability is None:
+            from optsc.robot.manipulability import Manipulability
+
+            manipulability = Manipulability()
+        self.robot, self.filters = robot, tuple(filters)
+        self.rule: Rule = Cascade.paper() if rule is None else rule
+        self.ranking: Ranking | None = None
+        self._manipulability, self._solve, self._standoff = manipulability, solve, standoff
+        self._refresh_angle, self._refresh_limit = refresh_angle, refresh_limit
+        self._clear: ClearRows | None = None
+        self._grid: Grid | None = None
+
+    @property
+    def table(self) -> ReachTable | None:
+        """The reach table in use."""
+        return None if self._grid is None else self._grid.table
+
+    @property
+    def candidates(self) -> Candidates | None:
+        """The candidates in use."""
+        return None if self._grid is None else self._grid.table.candidates
+
+    def observe(self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None) -> ReachTable:
+        """Solve, keep and return the reach table of ``candidates`` as seen from the arm's posture ``q`` (n,) [rad].
+
+        To be called when an object moved or grasps were stored; ``clear`` checks rows for collisions in this scene.
+        Raises `InvalidValue` for a posture that is not finite.
+        """
+        table = solve_reach(
+            self.robot,
+            candidates,
+            q,
+            solve=self._solve,
+            manipulability=self._manipulability,
+            standoff=self._standoff,
+            clear=clear,
+        )
+        self.use(table, clear=clear)
+        return table
+
+    def use(self, table: ReachTable, *, clear: ClearRows | None = None) -> None:
+        """Keep a table that was solved elsewhere, and the collision check of its scene."""
+        self._grid, self._clear = Grid(table), clear
+
+    def rank(
+        self,
+        X_WT: Pose,
+        q: Array,
+        candidates: Candidates | None = None,
+        *,
+        refresh_limit: int | None = None,
+    ) -> Ranking:
+        """Return the candidates ranked for the pose of the tool that the hand moves. Made for every control tick.
+
+        Args:
+            X_WT: pose of the tool.
+            q: present posture of the arm (n,) [rad].
+            candidates: observed first when they are not those at hand (without a collision check).
+            refresh_limit: in place of the selector's for this call: more at a moment of decision, 0 for none.
+
+        A pose or a posture that is not usable gives the previous ranking, or an empty one, with the reason; nothing
+        is raised for it.
+        """
+        reason = _unusable(X_WT, q, self.robot.n)
+        if not reason and candidates is not None and candidates is not self.candidates:
+            self.observe(candidates, q)
+        if not reason and self._grid is None:
+            reason = "no candidates were observed"
+        if reason:
+            return Ranking.empty(reason) if self.ranking is None else replace(self.ranking, reason=reason)
+        posture = np.array(q, dtype=float)
+        w, x, y, z = X_WT.quaternion.tolist()
+        quaternion = X_WT.quaternion / sqrt(w * w + x * x + y * y + z * z)
+        budget = self._refresh_limit if refresh_limit is None else refresh_limit
+        situation, selection, stale = self._decide(quaternion, X_WT.translation, posture, budget)
+        self.ranking = Ranking.of_decision(situation, selection, self.rule, self.filters, stale)
+        return self.ranking
+
+    def _decide(
+        self, quaternion: Array, position: Array, q: Array, budget: int
+    ) -> tuple[Situation, Selection, bool]:
+        """Decide, solve the finalists' outdated rows anew and decide again, while the budget lasts."""
+        while True:
+            grid = self._grid
+            if grid is None:  # cannot be: `rank` has looked
+                raise InvalidValue("candidates", None, "observed before they are ranked")
+            situation, selection = decide(grid, self.rule, self.filters, quaternion, position, q)
+            rows = self._outdated(grid, situation, selection.finalists(FINALISTS))
+            if not len(rows) or budget <= 0:
+                return situation, selection, len(rows) > 0
+            self._grid = grid.with_table(self._refreshed(grid.table, rows[:budget], q))
+            budget -= len(rows)
+
+    def _outdated(self, grid: Grid, situation: Situation, places: np.ndarray) -> np.ndarray:
+        """Return the rows of the table at ``places`` that were solved too far away, the nearest to the hand first."""
+        rows = grid.first_rows[places]
+        if situation.turned is not None:
+            rows = rows + situation.turned.ravel()[places]
+        gaps = np.abs(grid.seeds[rows] - situation.q)
+        if np.maximum.reduce(gaps, axis=None, initial=0.0) <= self._refresh_angle:
+            return rows[:0]
+        gap = gaps.max(axis=1)
+        offset = grid.positions.reshape(3, -1)[:, places] - situation.position[:, None]
+        order = np.argsort(np.linalg.norm(offset, axis=0), kind="stable")
+        return rows[order[gap[order] > self._refresh_angle]]
+
+    def _refreshed(self, table: ReachTable, rows: np.ndarray, q: Array) -> ReachTable:
+        return refresh(
+            table,
+            rows,
+            q,
+            robot=self.robot,
+            solve=self._solve,
+            manipulability=self._manipulability,
+            clear=self._clear,
+        )
+
+    def refresh_oldest(self, q: ArrayLike, limit: int) -> int:
+        """Solve anew up to ``limit`` rows of all, those solved furthest from ``q`` first; return how many.
+
+        For idle time: it also gives another chance to rows that collided, or were not reached, from where the arm
+        stood before. Raises `InvalidValue` for a posture that is not finite.
+        """
+        if self._grid is None:
+            return 0
+        posture = np.asarray(q, dtype=float)
+        gap = np.abs(self._grid.seeds - posture).max(axis=1, initial=0.0)
+        oldest = np.argsort(-gap, kind="stable")[:limit]
+        rows = oldest[gap[oldest] > self._refresh_angle]
+        if len(rows):
+            self._grid = self._grid.with_table(self._refreshed(self._grid.table, rows, posture))
+        return len(rows)
+
+
+def _unusable(X_WT: Pose, q: ArrayLike, n: int) -> str:
+    """Return why a hand pose or posture cannot be ranked for; "" when it can."""
+    if X_WT.shape != ():
+        return f"the hand pose is a batch of shape {X_WT.shape}"
+    w, x, y, z = X_WT.quaternion.tolist()
+    if not isfinite(w * w + x * x + y * y + z * z + sum(X_WT.translation.tolist())):
+        return "the hand pose is not finite"
+    if w * w + x * x + y * y + z * z < 1e-12:
+        return "the hand's quaternion is zero"
+    if np.shape(q) != (n,):
+        return f"the arm's posture has the shape {np.shape(q)}, not ({n},)"
+    if not isfinite(sum(q.tolist() if isinstance(q, np.ndarray) else q)):
+        return "the arm's posture is not finite"
+    return ""

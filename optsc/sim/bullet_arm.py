@@ -1,0 +1,150 @@
+"""An arm with its jaws in PyBullet: joints by name, drives that track, jaws that close together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pybullet
+
+from optsc.errors import InvalidValue
+from optsc.geometry.rotation import Array
+from optsc.robot import RobotModel
+from optsc.sim.bullet_bodies import add_robot
+from optsc.sim.settings import PhysicsSettings
+
+WITHOUT_LIMIT = 1000.0
+"""Torque [N m] of a joint whose effort limit the description does not state."""
+
+
+class Arm:
+    """The body of ``robot`` in the simulation ``client``.
+
+    Attributes:
+        body: PyBullet's number of it.
+        link_names: by link index; the root has -1.
+        bolted: indices of the links that no joint moves.
+        fingers: indices of the two jaws' links; empty for an arm without a gripper.
+
+    Raises:
+        InvalidValue: the description lacks a joint of the arm or of its jaws.
+    """
+
+    def __init__(
+        self, client: int, robot: RobotModel, settings: PhysicsSettings, *, visible: bool = False
+    ) -> None:
+        self._client, self._robot, self._settings = client, robot, settings
+        self.body = add_robot(client, robot, visible=visible)
+        self._find_joints()
+        self._set_limits_and_friction()
+        if self.fingers:
+            self._couple_jaws()
+        self._opening_target = float("nan")
+
+    def _find_joints(self) -> None:
+        indices, efforts = {}, {}
+        self.link_names, self.bolted = {-1: "base"}, {-1}
+        for index in range(pybullet.getNumJoints(self.body, physicsClientId=self._client)):
+            info = pybullet.getJointInfo(self.body, index, physicsClientId=self._client)
+            indices[info[1].decode()], self.link_names[index] = index, info[12].decode()
+            efforts[index] = info[10] if info[10] > 0.0 else WITHOUT_LIMIT
+            if info[2] == pybullet.JOINT_FIXED and info[16] in self.bolted:
+                self.bolted.add(index)
+        fingers = self._robot.gripper.finger_joints if self._robot.gripper else ()
+        missing = [name for name in (*self._robot.joint_names, *fingers) if name not in indices]
+        if missing:
+            raise InvalidValue("joints of arm and jaws", missing, f"in the description: {sorted(indices)}")
+        self._joints = [indices[name] for name in self._robot.joint_names]
+        self.fingers = [indices[name] for name in fingers]
+        self._efforts = [efforts[index] for index in self._joints]
+        self._position_gains = [self._settings.position_gain] * len(self._joints)
+        self._velocity_gains = [1.0] * len(self._joints)
+
+    def _set_limits_and_friction(self) -> None:
+        arm, limits = {"physicsClientId": self._client}, self._robot.limits
+        for i, index in enumerate(self._joints):
+            # A joint's drive makes up for its friction; the model's limits may be others than the description's.
+            pybullet.changeDynamics(self.body, index, jointDamping=0.0, **arm)
+            if limits.bounded[i]:
+                lower, upper = float(limits.lower[i]), float(limits.upper[i])
+                pybullet.changeDynamics(
+                    self.body, index, jointLowerLimit=lower, jointUpperLimit=upper, **arm
+                )
+        for index in self.fingers:
+            pybullet.changeDynamics(
+                self.body,
+                index,
+                lateralFriction=self._settings.finger_friction,
+                spinningFriction=self._settings.pad_torsion,
+                # Friction of velocities alone lets what is held creep out of the hand, up to 0.1 mm a second.
+                frictionAnchor=1,
+                **arm,
+            )
+
+    def _couple_jaws(self) -> None:
+        """Make both jaws move alike: otherwise they slide to one side together with what they hold."""
+        nowhere = [0.0, 0.0, 0.0]
+        gear = pybullet.createConstraint(
+            self.body,
+            self.fingers[0],
+            self.body,
+            self.fingers[1],
+            jointType=pybullet.JOINT_GEAR,
+            jointAxis=[0.0, 1.0, 0.0],
+            parentFramePosition=nowhere,
+            childFramePosition=nowhere,
+            physicsClientId=self._client,
+        )
+        pybullet.changeConstraint(gear, gearRatio=-1, erp=0.1, maxForce=50, physicsClientId=self._client)
+
+    def place(self, q: Sequence[float], opening: float) -> None:
+        """Put the joints at ``q`` (n,) [rad] and the pads ``opening`` [m] apart, all at rest, at once."""
+        for index, value in zip(self._joints, q, strict=True):
+            pybullet.resetJointState(self.body, index, value, 0.0, physicsClientId=self._client)
+        for index in self.fingers:
+            pybullet.resetJointState(self.body, index, 0.5 * opening, 0.0, physicsClientId=self._client)
+
+    def drive(self, q: Sequence[float], v: Sequence[float]) -> None:
+        """Set the drives for the next step: ``q`` (n,) [rad] at its beginning, mean velocity ``v`` (n,) [rad/s].
+
+        Has to be called before every step: a drive that keeps its target trails it by 1 / gain steps.
+        """
+        pybullet.setJointMotorControlArray(
+            self.body,
+            self._joints,
+            pybullet.POSITION_CONTROL,
+            targetPositions=q,
+            targetVelocities=v,
+            forces=self._efforts,
+            positionGains=self._position_gains,
+            velocityGains=self._velocity_gains,
+            physicsClientId=self._client,
+        )
+
+    def move_jaws(self, opening: float) -> None:
+        """Let the jaws move towards ``opening`` [m] with the settings' speed and force from now on."""
+        if opening == self._opening_target:
+            return
+        self._opening_target = opening
+        for index in self.fingers:
+            pybullet.setJointMotorControl2(
+                self.body,
+                index,
+                pybullet.POSITION_CONTROL,
+                targetPosition=0.5 * opening,
+                force=self._settings.jaw_force,
+                maxVelocity=0.5 * self._settings.jaw_speed,
+                physicsClientId=self._client,
+            )
+
+    def state(self) -> tuple[Array, Array]:
+        """Return positions (n,) [rad] and velocities (n,) [rad/s] of the joints."""
+        states = pybullet.getJointStates(self.body, self._joints, physicsClientId=self._client)
+        return np.array([s[0] for s in states]), np.array([s[1] for s in states])
+
+    def opening(self) -> float:
+        """Return the distance between the pads [m]; 0 for an arm without a gripper."""
+        if not self.fingers:
+            return 0.0
+        states = pybullet.getJointStates(self.body, self.fingers, physicsClientId=self._client)
+        return float(sum(s[0] for s in states))

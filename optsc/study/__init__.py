@@ -1,0 +1,1 @@
+"""Scenes, conditions and experiments: what a study runs and measures."""

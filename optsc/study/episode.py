@@ -1,0 +1,191 @@
+"""One episode: an operator and a controller grasp one object of a scene, and what that looked like in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from optsc.control.approach import Approach
+from optsc.control.controller import SharedController
+from optsc.control.modes import Mode
+from optsc.control.selecting import GraspSelector
+from optsc.followers.protocol import Follower
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.grasps import GraspLibrary
+from optsc.metrics import (
+    log_dimensionless_jerk,
+    path_length,
+    rotation_path,
+    sparc,
+    switch_jump,
+)
+from optsc.operators import ClutchSettings, Reach, Simulated
+from optsc.operators.simulated import R_WS
+from optsc.records import Run, Tick
+from optsc.robot.collision import CollisionModel
+from optsc.robot.manipulability import Manipulability
+from optsc.selection import Cascade, GraspClearance, Rule
+from optsc.session import run
+from optsc.sim import Tabletop
+
+LIFT_HEIGHT = 0.10
+"""An object counts as lifted when it was at least this much above its place [m] ..."""
+LIFT_TIME = 1.0
+"""... for at least this long [s]."""
+LONGEST = 60.0
+"""An episode that is not finished by then [s] has failed."""
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """How the target grasp is chosen: a name for tables, a label for people, and the rule."""
+
+    name: str
+    label: str
+    rule: Rule
+
+
+PAPER = Strategy("paper", "hand and manipulability (the paper)", Cascade.paper())
+MANIPULABILITY_ONLY = Strategy("manipulability", "manipulability only", Cascade.manipulability_only())
+STRATEGIES = (PAPER, MANIPULABILITY_ONLY)
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What all episodes of a scene share.
+
+    Attributes:
+        world: the arm and its objects.
+        library: grasps of the objects.
+        seed: of the operator.
+        rate: control rate [Hz].
+        approach: how the robot moves by itself.
+        manipulability: the measure M.
+    """
+
+    world: Tabletop
+    library: GraspLibrary
+    seed: int
+    rate: float = 500.0
+    approach: Approach = Approach()
+    manipulability: Manipulability = Manipulability()
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """What became of one episode.
+
+    Attributes:
+        object_name: the object that the operator wanted.
+        strategy: how the grasp was chosen.
+        run: all ticks.
+        tool: commanded tool poses (T,).
+        switch: index of the tick at which the last automatic motion began; None where there was none.
+        arrival: index of the tick at which the jaws began to close; None where they did not.
+        lifted: whether the object was lifted high and long enough.
+    """
+
+    object_name: str
+    strategy: Strategy
+    run: Run
+    tool: Pose
+    switch: int | None
+    arrival: int | None
+    lifted: bool
+
+    @property
+    def target_name(self) -> str | None:
+        """The object that was approached last."""
+        if self.switch is None or self.run[self.switch].step.target is None:
+            return None
+        return self.run[self.switch].step.target.object_name
+
+    def measures(self) -> dict[str, Any]:
+        """Return the measures of the automatic motion from the switch to the grasp; None where it did not arrive.
+
+        ``path_length_m``, ``rotation_rad``, ``duration_s``, ``sparc`` [-] and ``ldlj`` [-] of the tool's velocity,
+        and the parts of ``switch_jump``.
+        """
+        row: dict[str, Any] = {"lifted": self.lifted, "target": self.target_name}
+        names = ("path_length_m", "rotation_rad", "duration_s", "sparc", "ldlj", "switch_jump")
+        if self.switch is None or self.arrival is None:
+            return {**row, **dict.fromkeys(names)}
+        rate, part = self.run.rate, slice(self.switch, self.arrival)
+        p, q = self.tool.translation[part], self.tool.quaternion[part]
+        velocity = np.diff(p, axis=0) * rate
+        target = self.run[self.switch].step.target
+        jump = switch_jump(self.switch, rate, self.tool, self.run.q, None if target is None else target.X_WG)
+        values = (
+            path_length(p),
+            rotation_path(q),
+            (self.arrival - self.switch) / rate,
+            sparc(np.linalg.norm(velocity, axis=1), rate),
+            log_dimensionless_jerk(velocity, rate),
+            {name: _plain(value) for name, value in jump._asdict().items()},
+        )
+        return {**row, **dict(zip(names, values, strict=True))}
+
+
+def _plain(value: Any) -> Any:
+    return bool(value) if isinstance(value, (bool, np.bool_)) else float(value)
+
+
+def build_controller(setting: Setting, strategy: Strategy) -> SharedController:
+    """Return the controller of an episode: the paper's mapping of the hand, and the strategy's rule."""
+    robot = setting.world.robot
+    selector = GraspSelector(robot, strategy.rule, setting.manipulability, standoff=setting.approach.standoff)
+    return SharedController(robot, selector, approach=setting.approach, clutch=ClutchSettings(R_WS=R_WS))
+
+
+def clearance(world: Tabletop) -> GraspClearance:
+    """Return the collision check of the grasps in ``world``: arm against itself, table and objects."""
+    obstacles = {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()}
+    return GraspClearance(CollisionModel(world.robot).scene(obstacles))
+
+
+def run_episode(
+    setting: Setting,
+    strategy: Strategy,
+    plan: Sequence[Reach],
+    follower: Follower,
+    on_tick: Callable[[Tick], None] | None = None,
+) -> Episode:
+    """Let a simulated operator carry out ``plan`` and return what became of it.
+
+    The last object of the plan is the one that counts. Operators of the same seed move alike under every strategy
+    until the robot takes over.
+    """
+    world = setting.world
+    controller = build_controller(setting, strategy)
+    ticks = run(
+        controller,
+        operator=Simulated(seed=setting.seed, plan=tuple(plan), R_WS=R_WS),
+        follower=follower,
+        candidates=setting.library.place(world.X_WO),
+        clear=clearance(world),
+        rate=setting.rate,
+        duration=LONGEST,
+        about={"strategy": strategy.name, "object": plan[-1].object, "seed": setting.seed},
+        on_tick=on_tick,
+    )
+    return _judged(setting, strategy, plan[-1].object, ticks)
+
+
+def _judged(setting: Setting, strategy: Strategy, name: str, ticks: Run) -> Episode:
+    tool = setting.world.robot.forward(ticks.q)
+    starts = [i for i in ticks.switches() if ticks.modes[i] is Mode.APPROACH]
+    switch = starts[-1] if starts else None
+    arrivals = [i for i in ticks.switches() if ticks.modes[i] is Mode.CLOSE and switch is not None and i > switch]
+    heights = np.array([tick.objects[name].translation[2] if name in tick.objects else 0.0 for tick in ticks])
+    lifted = _longest(heights - heights[0] >= LIFT_HEIGHT) / ticks.rate >= LIFT_TIME
+    return Episode(name, strategy, ticks, tool, switch, arrivals[0] if arrivals else None, bool(lifted))
+
+
+def _longest(flags: Array) -> int:
+    """Return the length of the longest run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -1,0 +1,162 @@
+"""The laws of motion, held by the servo for arms of the catalogue and for hostile streams of targets."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from optsc.control.servo import Servo, Status, critically_damped
+from optsc.errors import InvalidValue, UnknownName
+from optsc.geometry import Pose, rotation
+from optsc.robot import ROBOT_NAMES, load_robot
+
+TOLERANCE = 1e-9
+
+
+def assert_within(robot, period, commands):
+    q, v, a = (np.array([getattr(c, name) for c in commands]) for name in "qva")
+    limits = robot.limits
+    assert np.all(q <= limits.upper + TOLERANCE)
+    assert np.all(q >= limits.lower - TOLERANCE)
+    assert np.all(np.abs(v) <= limits.velocity + TOLERANCE)
+    assert np.all(np.abs(a) <= limits.acceleration * (1 + TOLERANCE))
+    assert np.all(np.abs(np.diff(a, axis=0, prepend=0)) <= limits.jerk * period * (1 + TOLERANCE))
+
+
+def hostile(kind, rng, X, t):
+    if kind == "jumps":
+        return Pose(rotation.random(rng), X.translation + rng.normal(size=3)), t
+    if kind == "not a number":
+        return (Pose(np.full(4, np.nan), X.translation) if rng.random() < 0.5 else X), t
+    if kind == "a clock that stands still":
+        return Pose(X.quaternion, X.translation + 0.2 * rng.normal(size=3)), 0.0
+    if kind == "a clock that runs back":
+        return X, t - rng.uniform(0, 0.05)
+    return Pose(X.quaternion, X.translation * 1e6), t
+
+
+KINDS = ["jumps", "not a number", "a clock that stands still", "a clock that runs back", "far away"]
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.sampled_from(ROBOT_NAMES), st.sampled_from([250.0, 1000.0]), st.integers(0, 2**32 - 1), st.sampled_from(KINDS))
+def test_every_tick_returns_a_command_within_all_limits_and_a_status_for_every_input(name, rate, seed, kind):
+    robot, rng = load_robot(name), np.random.default_rng(seed)
+    servo = Servo(robot, rate)
+    servo.reset(robot.random_posture(rng))
+    X, commands = servo.X_WT, []
+    for _ in range(250):
+        commands.append(servo.step(*hostile(kind, rng, X, servo.time)) if rng.random() < 0.2 else servo.step())
+    assert all(isinstance(c.status, Status) for c in commands)
+    assert all(c.reason for c in commands if c.status not in (Status.FOLLOWING, Status.STOPPING, Status.HOLDING))
+    assert_within(robot, servo.period, commands)
+
+
+def circle(X, t):
+    shift = 0.08 * np.array([np.cos(2 * t) - 1, np.sin(2 * t), 0.3 * np.sin(t)])
+    return Pose(rotation.multiply(rotation.exp([0, 0, 0.3 * np.sin(t)]), X.quaternion), X.translation + shift)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_a_smooth_target_is_followed_closely(name):
+    robot = load_robot(name)
+    servo = Servo(robot, 500.0)
+    X = servo.X_WT
+    for k in range(1500):
+        t = servo.time
+        command = servo.step(circle(X, t), t) if k % 5 == 0 else servo.step()
+    assert command.status is Status.FOLLOWING
+    wanted = circle(X, servo.time)
+    assert np.linalg.norm(servo.X_WT.translation - wanted.translation) < 3e-3
+    assert rotation.angle(servo.X_WT.quaternion, wanted.quaternion) < 0.02
+
+
+def test_an_unreachable_target_neither_freezes_the_arm_nor_makes_it_lurch_when_it_comes_back():
+    robot = load_robot("panda")
+    servo = Servo(robot, 500.0)
+    X = servo.X_WT
+    away = Pose(X.quaternion, X.translation + [2.0, 0, 0])
+    commands = [servo.step(away, servo.time) for _ in range(2000)]
+    assert commands[-1].status is Status.UNREACHABLE or np.linalg.norm(commands[-1].error[:3]) > 0.05
+    reached = servo.X_WT.translation[0]
+    assert reached > X.translation[0] + 0.2
+    # Still responsive out there: the arm follows sideways.
+    sideways = Pose(X.quaternion, X.translation + [2.0, 1.0, 0])
+    y = servo.X_WT.translation[1]
+    commands += [servo.step(sideways, servo.time) for _ in range(500)]
+    assert servo.X_WT.translation[1] > y + 0.05
+    back = [servo.step(X, servo.time) for _ in range(2500)]
+    assert_within(robot, servo.period, commands + back)
+    assert np.linalg.norm(servo.X_WT.translation - X.translation) < 2e-3
+
+
+def test_without_new_targets_the_arm_comes_to_rest_and_says_so():
+    robot = load_robot("ur5")
+    servo = Servo(robot, 500.0)
+    X = servo.X_WT
+    for _ in range(200):
+        servo.step(circle(X, servo.time), servo.time)
+    commands = [servo.step() for _ in range(300)]
+    stale = [c for c in commands if c.status is Status.STALE]
+    assert "old" in stale[0].reason
+    assert commands[-1].v == pytest.approx(0, abs=1e-9)
+    assert_within(robot, servo.period, commands[1:])
+    # and goes on when they come back
+    X = servo.X_WT
+    for _ in range(300):
+        command = servo.step(Pose(X.quaternion, X.translation + [0, 0, 0.02]), servo.time)
+    assert command.status is Status.FOLLOWING
+
+
+def test_a_stop_is_smooth_and_ends_at_rest():
+    robot = load_robot("iiwa")
+    servo = Servo(robot, 1000.0)
+    X = servo.X_WT
+    moving = [servo.step(circle(X, servo.time), servo.time) for _ in range(400)]
+    stopping = [servo.stop() for _ in range(400)]
+    assert stopping[0].status is Status.STOPPING
+    assert stopping[-1].status is Status.HOLDING
+    assert_within(robot, servo.period, moving + stopping)
+
+
+@pytest.mark.parametrize("solver", ["daqp", "proxqp", "quadprog"])
+def test_every_solver_gives_the_same_motion(solver):
+    pytest.importorskip("quadprog")
+    robot = load_robot("panda")
+    servo, other = Servo(robot, 500.0), Servo(robot, 500.0, solver=solver)
+    X = servo.X_WT
+    for _ in range(200):
+        target = circle(X, servo.time)
+        a, b = servo.step(target, servo.time), other.step(target, other.time)
+        np.testing.assert_allclose(a.q, b.q, atol=1e-6)
+
+
+def test_the_same_input_gives_the_same_bytes():
+    robot = load_robot("panda")
+    runs = []
+    for _ in range(2):
+        servo = Servo(robot, 500.0)
+        X = servo.X_WT
+        runs.append(np.array([servo.step(circle(X, servo.time), servo.time).q for _ in range(300)]).tobytes())
+    assert runs[0] == runs[1]
+
+
+def test_the_reference_model_is_the_exact_step_of_its_differential_equation():
+    w, h = 80.0, 2e-3
+    A = np.array([[0, 1, 0], [0, 0, 1], [-(w**3), -3 * w**2, -3 * w]])
+    eigenvalues, vectors = np.linalg.eig(np.eye(3) + A * h / 2**20)
+    assert np.all(np.abs(eigenvalues) < 1)
+    step = np.eye(3) + A * h / 2**20
+    for _ in range(20):
+        step = step @ step
+    np.testing.assert_allclose(critically_damped(w, h), step, rtol=1e-4, atol=1e-4)
+
+
+def test_bad_settings_are_refused():
+    robot = load_robot("panda")
+    with pytest.raises(InvalidValue, match="rate"):
+        Servo(robot, 0.0)
+    with pytest.raises(UnknownName, match="solver"):
+        Servo(robot, solver="abacus")
+    with pytest.raises(InvalidValue):
+        Servo(robot).reset(np.full(7, np.nan))

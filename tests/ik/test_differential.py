@@ -1,0 +1,103 @@
+"""One tick of differential IK: its cost against a separately written one, and what its terms mean."""
+
+import numpy as np
+import pinocchio
+import pytest
+
+from optsc.errors import InvalidValue
+from optsc.ik import DifferentialIK, IkSettings
+from optsc.robot import ROBOT_NAMES, load_robot
+
+PERIOD = 2e-3
+
+
+def row(X):
+    return np.concatenate([X.translation, X.quaternion])
+
+
+def wide(robot):
+    return -100 * np.ones(robot.n), 100 * np.ones(robot.n)
+
+
+def expected_cost(robot, settings, q, reference, twist, posture):
+    """The formula of the module's documentation, written with pinocchio in the local frame."""
+    X, R = robot.forward(q), robot.forward(q).rotation_matrix()
+    E = R.T @ reference.rotation_matrix()
+    error = np.concatenate([R.T @ (reference.translation - X.translation), pinocchio.log3(E)])
+    clipped = error.copy()
+    for part, most in zip((slice(0, 3), slice(3, 6)), settings.largest_error, strict=True):
+        clipped[part] *= min(1.0, most / max(np.linalg.norm(clipped[part]), 1e-12))
+    to_tool = np.kron(np.eye(2), R.T)
+    wanted = to_tool @ twist + min(settings.gain, 0.3 / PERIOD) * clipped
+    W = np.diag([*settings.position_weight, *settings.orientation_weight])
+    J = W @ to_tool @ robot.jacobian(q)
+    damping = settings.damping + settings.error_damping * np.sum((W @ clipped) ** 2)
+    H = J.T @ J + (settings.posture_weight + damping) * np.eye(robot.n)
+    g = -J.T @ W @ wanted - settings.posture_weight * settings.posture_gain * (posture - q)
+    return H, g, error
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_cost_equals_its_formula(name):
+    robot, rng = load_robot(name), np.random.default_rng(0)
+    settings = IkSettings(position_weight=(1.0, 2.0, 0.5), orientation_weight=(0.3, 0.1, 0.0))
+    ik = DifferentialIK(robot, PERIOD, settings)
+    for _ in range(10):
+        q, posture = robot.random_posture(rng), robot.random_posture(rng)
+        reference, twist = robot.forward(q + 0.05 * rng.normal(size=robot.n)), rng.normal(size=6)
+        ik.prefer(posture)
+        H, g, error = expected_cost(robot, settings, q, reference, twist, posture)
+        step = ik.solve(q, row(reference), twist, *wide(robot))
+        np.testing.assert_allclose(step.error, error, atol=1e-9)
+        np.testing.assert_allclose(H @ step.velocity, -g, atol=1e-6)
+        J = robot.jacobian(q)
+        assert step.volume == pytest.approx(np.sqrt(np.linalg.det(J @ J.T)), abs=1e-9)
+
+
+def test_the_answer_does_not_depend_on_the_period():
+    robot = load_robot("panda")
+    q = robot.home
+    reference, twist = robot.forward(q + 0.01), np.array([0.1, 0, 0, 0, 0.1, 0])
+    answers = [
+        DifferentialIK(robot, period).solve(q, row(reference), twist, *wide(robot)).velocity
+        for period in (1e-3, 4e-3)
+    ]
+    np.testing.assert_allclose(*answers, atol=1e-12)
+
+
+def test_a_zero_weight_leaves_that_direction_of_the_tool_free():
+    robot = load_robot("panda")
+    q = robot.home
+    roll = DifferentialIK(robot, PERIOD, IkSettings(orientation_weight=(0.3, 0.3, 0.0)))
+    reference = robot.forward(q + np.array([0, 0, 0, 0, 0, 0, 0.1]))  # a pure roll of the tool
+    step = roll.solve(q, row(reference), np.zeros(6), *wide(robot))
+    assert abs(step.error[5]) == pytest.approx(0.1, abs=1e-6)
+    np.testing.assert_allclose(robot.jacobian(q) @ step.velocity, 0, atol=1e-3)
+
+
+def test_spare_motion_goes_to_the_posture_and_does_not_move_the_tool():
+    robot = load_robot("panda")
+    ik = DifferentialIK(robot, PERIOD)
+    ik.prefer(robot.home + 0.3 * np.eye(7)[0])
+    step = ik.solve(robot.home, row(robot.forward(robot.home)), np.zeros(6), *wide(robot))
+    assert step.velocity[0] > 0.01
+    assert np.linalg.norm((robot.jacobian(robot.home) @ step.velocity)[:3]) < 5e-3
+
+
+def test_bounds_are_kept():
+    robot = load_robot("ur5")
+    ik = DifferentialIK(robot, PERIOD)
+    reference = robot.forward(robot.home + 0.3)
+    step = ik.solve(robot.home, row(reference), np.zeros(6), np.full(6, -0.05), np.full(6, 0.05))
+    assert np.all(np.abs(step.velocity) <= 0.05 + 1e-9)
+
+
+def test_impossible_settings_are_refused():
+    for wrong in (
+        {"gain": -1.0},
+        {"position_weight": (1.0, 1.0)},
+        {"orientation_weight": (np.nan, 0.0, 0.0)},
+        {"damping": 0.0, "posture_weight": 0.0},
+    ):
+        with pytest.raises(InvalidValue):
+            IkSettings(**wrong)
