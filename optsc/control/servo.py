@@ -71,6 +71,8 @@ class ServoSettings:
 
     Attributes:
         bandwidth: of the reference model [rad/s]: higher follows more closely and passes on more of the noise.
+        lag: how far behind a stream of targets the tool is led [s]. Zero means to be where the hand is now, which
+            has to be guessed; a few hundredths make the motion several times smoother.
         largest_error: distance and angle to the target that count at most [m, rad]; with the bandwidth they bound the
             speed of catching up to about largest_error * bandwidth / 3.
         timeout: age of the newest target after which the arm comes to rest [s].
@@ -79,8 +81,9 @@ class ServoSettings:
         ik: weights and gains of the quadratic program.
     """
 
-    bandwidth: float = 80.0
-    largest_error: tuple[float, float] = (0.03, 0.1)
+    bandwidth: float = 45.0
+    lag: float = 0.028
+    largest_error: tuple[float, float] = (0.05, 0.2)
     timeout: float = 0.1
     far: tuple[float, float] = (0.05, 0.2)
     prediction: PredictionSettings = field(default_factory=PredictionSettings)
@@ -91,6 +94,8 @@ class ServoSettings:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidValue(name, value, "positive and finite")
+        if not 0.0 <= self.lag < np.inf:
+            raise InvalidValue("lag", self.lag, "finite and not negative [s]")
         for name in ("largest_error", "far"):
             value = getattr(self, name)
             if len(value) != 2 or not all(np.isfinite(x) and x > 0 for x in value):
@@ -196,7 +201,7 @@ class Servo:
         age = self.time - track.stamp
         if age > self.settings.timeout:
             return self._stop(Status.STALE, f"newest target is {age:.3f} s old")
-        elapsed = age + self.period
+        elapsed = age + self.period - self.settings.lag
         horizon = self.settings.prediction.horizon
         if elapsed <= horizon:
             return self.track(*prediction.predicted(track, elapsed), track.v, track.w)

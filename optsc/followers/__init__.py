@@ -1,4 +1,4 @@
-"""What carries out the commands: an ideal arm, or one in a simulated world. All obey the `Follower` protocol."""
+"""What carries out the commands: an ideal arm, or one in a simulated world, by one protocol."""
 
 from __future__ import annotations
 

@@ -20,10 +20,10 @@ from optsc.sim.tabletop import Tabletop
 
 
 class PyBulletFollower:
-    """A `Follower` in a simulated world. It starts on construction, at the arm's home posture, and needs closing.
+    """A `Follower` in a simulated world: it starts on construction, at the home posture, and needs closing.
 
-    Between two commands the arm is led along the cubic that has both commands' positions and velocities, and is told
-    a new target at every simulation step: a drive that holds one target for a whole period lags behind it.
+    Between two commands the arm is led along the cubic that has both commands' positions and velocities, and
+    gets a new target at every simulation step: a drive that holds one for a whole period lags behind it.
 
     Args:
         world: the arm, the objects and where they stand.
@@ -60,9 +60,10 @@ class PyBulletFollower:
         return FollowerState(physics.time, q, v, physics.opening())
 
     def reset(self, q: ArrayLike) -> FollowerState:
-        """Put the arm at ``q`` (n,) [rad] at rest with open jaws and the objects where they stood at the start.
+        """Put the arm at ``q`` (n,) [rad] at rest with open jaws and the objects where they stood.
 
-        The same commands give the same bytes after every reset and in every new follower. Raises `InvalidValue`.
+        The same commands give the same bytes after every reset and in every new follower.
+        Raises `InvalidValue`.
         """
         physics, posture = self.physics, one_posture(self.robot, q)
         physics.reset(posture)
@@ -72,8 +73,8 @@ class PyBulletFollower:
     def apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
         """Simulate one control period, see `Follower.apply`.
 
-        The jaws press on what is between them when the opening is less than its width. Raises `InvalidValue` also if
-        the period is not a whole number of simulation steps.
+        The jaws press on what is between them when the opening is less than its width. Raises `InvalidValue`
+        also if the period is not a whole number of simulation steps.
         """
         physics = self.physics
         command = checked_command(self.robot, q, v, opening, period)
@@ -112,7 +113,7 @@ class PyBulletFollower:
         step = self.physics.settings.time_step
         count = round(period / step)
         if count < 1 or abs(count * step - period) > 1e-6 * period:
-            valid = f"a whole number of simulation steps of {step} s, as at 250, 500 or 1000 Hz with steps of 1 ms"
+            valid = f"a whole number of simulation steps of {step} s, as at 250, 500 and 1000 Hz with 1 ms"
             raise InvalidValue("period", period, valid)
         return count
 
@@ -133,6 +134,4 @@ class PyBulletFollower:
 def _cubic(steps: int) -> Array:
     """Return the weights (steps + 1, 4) of q0, T v0, q1, T v1 at equal times: cubic Hermite interpolation."""
     s = np.linspace(0.0, 1.0, steps + 1)
-    return np.stack(
-        [1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2], axis=-1
-    )
+    return np.stack([1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2], axis=-1)

@@ -1,4 +1,4 @@
-"""What the library asks of an arm, simulated or real: take one command per control period, and say where it is."""
+"""What the library asks of an arm, simulated or real: take a command per period, and say where it is."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Follower(Protocol):
         ...
 
     def reset(self, q: ArrayLike) -> FollowerState:
-        """Put the arm at ``q`` (n,) [rad] at rest with open jaws, and the scene as at the start; time becomes 0."""
+        """Put the arm at ``q`` (n,) [rad] at rest, jaws open, the scene as at the start; time becomes 0."""
         ...
 
     def apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
@@ -84,9 +84,7 @@ class Command(NamedTuple):
     period: float
 
 
-def checked_command(
-    robot: RobotModel, q: ArrayLike, v: ArrayLike, opening: float, period: float
-) -> Command:
+def checked_command(robot: RobotModel, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> Command:
     """Return a command from outside as floats; raise `InvalidValue` if it is none for ``robot``.
 
     Without a gripper any finite opening will do, and becomes 0.

@@ -99,7 +99,7 @@ class Pose:
         return self.shape[0]
 
     def __getitem__(self, index: object) -> Pose:
-        return Pose(self.quaternion[index], self.translation[index])  # type: ignore[index]
+        return Pose(self.quaternion[index], self.translation[index])  # type: ignore[call-overload]
 
     def __iter__(self) -> Iterator[Pose]:
         return (self[i] for i in range(len(self)))

@@ -1,7 +1,9 @@
 """Grasps: sampling them on an object's surface, storing them, and placing them in the world."""
 
 from optsc.grasps.antipodal import sample_grasps
+from optsc.grasps.candidates import Candidates
 from optsc.grasps.grasp_set import GraspSet
+from optsc.grasps.library import GraspLibrary, build_library
 from optsc.grasps.settings import AntipodalSettings
 
-__all__ = ["AntipodalSettings", "GraspSet", "sample_grasps"]
+__all__ = ["AntipodalSettings", "Candidates", "GraspLibrary", "GraspSet", "build_library", "sample_grasps"]

@@ -15,7 +15,7 @@ from optsc.robot.gripper import Gripper
 
 
 def in_tool_frame(X_OG: Pose, points: Array) -> np.ndarray:
-    """Return points (N, 3) of the object in the tool frame of each of K poses: (3, K, N) [m], single precision."""
+    """Return points (N, 3) of the object in the tool frames of K poses: (3, K, N) [m], single precision."""
     R = X_OG.rotation_matrix().astype(np.float32)
     offset = np.einsum("kij,ki->jk", R, X_OG.translation.astype(np.float32))
     flat = R.transpose(2, 0, 1).reshape(-1, 3) @ points.astype(np.float32).T
@@ -67,6 +67,8 @@ def touched(points_T: np.ndarray, boxes: Array, margin: tuple[float, float, floa
 
 
 def lowest_point(X_OG: Pose, boxes: Array) -> Array:
-    """Return the height (K,) [m] in the object's frame of the lowest corner of boxes (B, 2, 3) in the tool frame."""
+    """Return the height in the object's frame (K,) [m] of the lowest corner of boxes (B, 2, 3) in T."""
     down = X_OG.rotation_matrix()[:, 2, None, :]
-    return X_OG.translation[:, 2] + np.minimum(down * boxes[:, 0], down * boxes[:, 1]).sum(axis=-1).min(axis=1)
+    return X_OG.translation[:, 2] + np.minimum(down * boxes[:, 0], down * boxes[:, 1]).sum(axis=-1).min(
+        axis=1
+    )

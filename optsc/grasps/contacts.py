@@ -8,6 +8,7 @@ import numpy as np
 
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.grasps.proposals import cone_cosine
 from optsc.grasps.surface import Surface
 from optsc.robot.gripper import Gripper
 
@@ -30,7 +31,9 @@ class PadContacts(NamedTuple):
     """Cosine between the closing axis and the mean normal under a pad, of the worse pad (K,)."""
 
 
-def pad_contacts(points_T: np.ndarray, surface: Surface, X_OG: Pose, gripper: Gripper, friction: float) -> PadContacts:
+def pad_contacts(
+    points_T: np.ndarray, surface: Surface, X_OG: Pose, gripper: Gripper, friction: float
+) -> PadContacts:
     """Return the contacts when the jaws close at each of K poses.
 
     Args:
@@ -56,7 +59,7 @@ def pad_contacts(points_T: np.ndarray, surface: Surface, X_OG: Pose, gripper: Gr
     area = surface.areas[point] / (gripper.pad_size[0] * gripper.pad_size[1])
     sides = []
     for sign, near in ((1.0, y > highest[pose] - DENT), (-1.0, y < lowest[pose] + DENT)):
-        load = np.where(near & (sign * cosine > 1.0 / np.hypot(1.0, friction)), area, 0.0)
+        load = np.where(near & (sign * cosine > cone_cosine(friction)), area, 0.0)
         total = np.bincount(pose, load, count)
         x_mean, z_mean = (np.bincount(pose, load * v, count) / np.maximum(total, 1e-12) for v in (x, z))
         normal = np.stack([np.bincount(pose, load * n, count) for n in surface.normals[point].T], axis=-1)

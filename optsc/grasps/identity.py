@@ -14,7 +14,11 @@ METHOD = "antipodal-1"
 
 def gripper_fingerprint(gripper: Gripper) -> str:
     """Return a hash of everything about the gripper that grasps depend on, rounded to a micrometre."""
-    numbers = [[gripper.max_opening, *gripper.pad_size, float(gripper.jaw_symmetric)], gripper.body, gripper.finger]
+    numbers = [
+        [gripper.max_opening, *gripper.pad_size, float(gripper.jaw_symmetric)],
+        gripper.body,
+        gripper.finger,
+    ]
     digest = hashlib.sha256()
     for array in numbers:
         digest.update(np.round(np.asarray(array, dtype=float) * 1e6).astype("<i8").tobytes())

@@ -10,7 +10,9 @@ from optsc.geometry.rotation import Array
 _CHUNK = 2_000_000  # ray-face pairs held in memory at once
 
 
-def exits(mesh: TriangleMesh, origins: Array, directions: Array, longest: float) -> tuple[np.ndarray, Array, Array]:
+def exits(
+    mesh: TriangleMesh, origins: Array, directions: Array, longest: float
+) -> tuple[np.ndarray, Array, Array]:
     """Return every crossing of rays (M, 3) through the surface from inside to outside.
 
     Returns:

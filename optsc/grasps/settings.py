@@ -43,7 +43,12 @@ class AntipodalSettings:
     max_rounds: int = 60
 
     def __post_init__(self) -> None:
-        limits = {"lowest_elevation": 1.57, "min_coverage": 1.0, "max_eccentricity": 1.0, "min_alignment": 1.0}
+        limits = {
+            "lowest_elevation": 1.57,
+            "min_coverage": 1.0,
+            "max_eccentricity": 1.0,
+            "min_alignment": 1.0,
+        }
         for field in fields(self):
             value, top = getattr(self, field.name), limits.get(field.name, 1e6)
             at_least = 1 if isinstance(field.default, int) else 0.0

@@ -24,15 +24,17 @@ from optsc.robot.kernels.reach import Reach, reach
 from optsc.robot.limits import JointLimits
 from optsc.robot.model import RobotModel
 
-RESTARTS = 40
+RESTARTS = 48
 """Attempts after the first, for poses that need them."""
 LOOP = 64
 """Poses in one compiled loop."""
 TABLE = 512
 """Postures in a table of starts."""
+BLOCK = 1024
+"""Poses that are compared with a table at once; bounds the memory."""
 STARTS_PER_TABLE = 8
 """How many of the nearest postures of a table are tried before a new table is drawn."""
-TURN_LENGTH = 0.3
+TURN_LENGTH = 0.4
 """In choosing starts, a turn of the tool by one radian weighs as much as this distance [m] of it."""
 JOINT_LENGTH = 0.1
 """In choosing starts, a radian of joint distance from the seed weighs as much as this distance [m] of the tool."""
@@ -66,28 +68,29 @@ class _Table:
     """Postures to start from, and what tells how near they are to a pose and a seed."""
 
     q: Array  # (M, n)
-    features: Array  # (M, 12 + n)
+    features: Array  # (M, 19 + n)
     half_square: Array  # (M,)
 
     def nearest(self, features: Array) -> Array:
         """Return the indices (N, STARTS_PER_TABLE) of the nearest postures, nearest first."""
-        blocks = [self._nearest(features[i : i + 1024]) for i in range(0, len(features), 1024)]
+        blocks = [self._nearest(features[i : i + BLOCK]) for i in range(0, max(1, len(features)), BLOCK)]
         return np.concatenate(blocks)
 
     def _nearest(self, features: Array) -> Array:
         distance = self.half_square - features @ self.features.T
+        row = np.arange(len(features))[:, None]
         first = np.argpartition(distance, STARTS_PER_TABLE, axis=1)[:, :STARTS_PER_TABLE]
-        order = np.argsort(np.take_along_axis(distance, first, axis=1), axis=1, kind="stable")
-        return np.take_along_axis(first, order, axis=1)
+        return first[row, np.argsort(distance[row, first], axis=1, kind="stable")]
 
 
-def _features(R: Array, p: Array, q: Array) -> Array:
-    """Return vectors (N, 12 + n) [m] whose distance is small where tools and postures are near.
+def _features(quaternion: Array, p: Array, q: Array) -> Array:
+    """Return vectors (N, 19 + n) [m] whose distance is small where tools and postures are near.
 
-    ``R`` (N, 9) holds rotation matrices column by column; their distance is about √2 times the angle between them.
+    Rotations enter as c cᵀ of their quaternions c, which has no sign; two of them are √2 sin(angle / 2) apart.
     """
-    q = np.broadcast_to(q * JOINT_LENGTH, (len(R), q.shape[1]))
-    return np.concatenate([R * (TURN_LENGTH / np.sqrt(2.0)), p, q], axis=1)
+    c = quaternion * np.sqrt(np.sqrt(2.0) * TURN_LENGTH)
+    square = (c[:, :, None] * c[:, None, :]).reshape(-1, 16)
+    return np.concatenate([square, p, np.broadcast_to(q * JOINT_LENGTH, (len(p), q.shape[1]))], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +117,9 @@ class _Solver:
         """Draw a table of starts."""
         lower, upper = self.limits.sampling
         q = rng.uniform(lower, upper, size=(TABLE, self.n))
-        features = _features(*self.forward(q), self.folded(q))
+        R, p = self.forward(q)
+        quaternion = rotation.from_matrix(np.swapaxes(R.reshape(-1, 3, 3), 1, 2))
+        features = _features(quaternion, p, self.folded(q))
         return _Table(q, features, 0.5 * np.einsum("ij,ij->i", features, features))
 
     @cached_property
@@ -164,9 +169,9 @@ class _Search:
 
     def __init__(self, solver: _Solver, targets: Array, seeds: Array, best: Array) -> None:
         self.solver, self.targets, self.best = solver, targets, best
-        R, p = rotation.to_matrix(targets[:, :4]), targets[:, 4:7]
-        self.features = _features(np.swapaxes(R, 1, 2).reshape(-1, 9), p, solver.folded(seeds))
-        self.out_of_reach = solver.reach.excludes(R, p)
+        quaternion, p = targets[:, :4], targets[:, 4:7]
+        self.features = _features(quaternion, p, solver.folded(seeds))
+        self.out_of_reach = solver.reach.excludes(quaternion, p)
 
     @property
     def solved(self) -> NDArray[np.bool_]:
@@ -191,23 +196,21 @@ class _Search:
             if not len(index):
                 return
 
-    def reasons(self, table: _Table) -> NDArray[np.str_]:
-        """Return for each pose why it has no solution, see `IkSolutions`; the limits are ignored to find out.
+    def beyond_limits(self, table: _Table) -> NDArray[np.bool_]:
+        """Tell for each pose whether ignoring the limits gives a posture, and that posture lies outside them.
 
-        A posture that is found inside the limits on this occasion is a solution after all.
+        One that lies inside is a solution after all.
         """
         index, n = self.left, self.solver.n
-        reason = np.where(self.out_of_reach, "out of reach", "not found")
-        if len(index):
-            nearest = table.nearest(self.features[index])
-            for start in range(LIMIT_PROBES):
-                after = self.solver.run(self.targets[index], table.q[nearest[:, start]], self.solver.endless)
-                found = after[:, n] == inverse.SOLVED
-                inside = found & self.solver.inside(after[:, :n])
-                self.best[index[inside]] = after[inside]
-                reason[index[found & ~inside]] = "joint limits"
-        reason[self.solved] = ""
-        return reason
+        beyond = np.zeros(len(self.best), dtype=bool)
+        starts = table.nearest(self.features[index])[:, :LIMIT_PROBES]
+        for start in starts.T:
+            after = self.solver.run(self.targets[index], table.q[start], self.solver.endless)
+            found = after[:, n] == inverse.SOLVED
+            inside = found & self.solver.inside(after[:, :n])
+            self.best[index[inside]] = after[inside]
+            beyond[index[found & ~inside]] = True
+        return beyond
 
 
 def _checked_targets(X_WT: Pose, tolerance: float) -> Array:
@@ -233,19 +236,22 @@ def _checked_seeds(robot: RobotModel, seeds: ArrayLike | None, shape: tuple[int,
     return robot.limits.clip(q).reshape(-1, robot.n)
 
 
-def _restarted(
-    solver: _Solver, search: _Search, restarts: int, rng: np.random.Generator | None
-) -> NDArray[np.str_]:
+def _restarted(search: _Search, restarts: int, rng: np.random.Generator | None) -> NDArray[np.str_]:
     """Solve what the seeds left, in the search's own rows; return the reasons of failure."""
-    table = solver.first_table
+    reason = np.where(search.out_of_reach, "out of reach", "not found")
+    table = search.solver.first_table
     for tried in range(0, restarts, STARTS_PER_TABLE):
-        if not len(search.left):
-            break
         if tried:
             rng = np.random.default_rng(0) if rng is None else rng
-            table = solver.table(rng)
+            table = search.solver.table(rng)
         search.restart(table, min(STARTS_PER_TABLE, restarts - tried))
-    return search.reasons(solver.first_table)
+        if not len(search.left):
+            break
+    else:
+        if restarts:
+            reason[search.beyond_limits(search.solver.first_table)] = "joint limits"
+    reason[search.solved] = ""
+    return reason
 
 
 def solve_ik(
@@ -286,7 +292,7 @@ def solve_ik(
     if len(unsolved):
         own = start if len(start) == 1 else start[unsolved]
         search = _Search(solver, targets[unsolved], own, best[unsolved])
-        reason[unsolved] = _restarted(solver, search, restarts, rng)
+        reason[unsolved] = _restarted(search, restarts, rng)
         best[unsolved] = search.best
     return IkSolutions(
         q=solver.unwound(best[:, :n], start).reshape(*shape, n),

@@ -4,9 +4,10 @@ from optsc.operators.clutch import ClutchSettings, Slerp
 from optsc.operators.prediction import PredictionSettings
 from optsc.operators.recorded import HandRecording, Recorded
 from optsc.operators.sample import Operator, OperatorSample, OperatorView, fault_of
-from optsc.operators.simulated import Reach, Simulated
+from optsc.operators.simulated import R_WS_DEFAULT, Reach, Simulated
 
 __all__ = [
+    "R_WS_DEFAULT",
     "ClutchSettings",
     "HandRecording",
     "Operator",

@@ -114,7 +114,7 @@ class HandRecording:
         """From the first to the last sample [s]."""
         return float(self.time[-1] - self.time[0])
 
-    def scaled(self, position: float = 1.0, rotation_scale: float = 1.0) -> HandRecording:
+    def scaled(self, position_scale: float = 1.0, rotation_scale: float = 1.0) -> HandRecording:
         """Return the motion made smaller or larger about its first pose, as a clutch with a scale does.
 
         Rotations are scaled from sample to sample and composed: scaling the whole rotation from the first
@@ -129,7 +129,9 @@ class HandRecording:
             turned.append(rotation.multiply(step, turned[-1]))
         scaled = np.array(turned)
         scaled /= np.linalg.norm(scaled, axis=1, keepdims=True)
-        return HandRecording(self.time, Pose(scaled, p[0] + position * (p - p[0])), self.clutch, self.trigger)
+        return HandRecording(
+            self.time, Pose(scaled, p[0] + position_scale * (p - p[0])), self.clutch, self.trigger
+        )
 
 
 def _numbers(row: Sequence[str], count: int) -> list[float]:

@@ -1,4 +1,4 @@
-"""The collision check of the reach table: which grasps the arm can carry out without touching anything else."""
+"""The collision check of the reach table: which grasps can be carried out without touching anything else."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 class GraspClearance:
     """``clear(q_grasp, q_pregrasp, candidates)`` for `optsc.selection.reach.solve_reach`, in one scene.
 
-    At the pre-grasp nothing may touch anything. At the grasp the hand may touch the object it grasps, and nothing
-    else; the rest of the arm may not touch even that. The jaws stand fully open in both, as on the approach.
+    At the pre-grasp nothing may touch anything. At the grasp the hand may touch the object it grasps, and
+    nothing else; the rest of the arm may not touch even that. The jaws stand fully open in both, as on the
+    approach.
 
     Attributes:
         scene: the arm among the table and the obstacles, which are named like the objects of the candidates.

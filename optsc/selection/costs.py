@@ -80,7 +80,10 @@ class PositionDistance(GraspCost):
 
 @dataclass(frozen=True)
 class ManipulabilityLoss(GraspCost):
-    """-M, the penalised manipulability at the grasp's posture with its sign turned, in the unit of the measure."""
+    """-M, the penalised manipulability at the grasp's posture with its sign turned; a plain number.
+
+    What it is made of is the business of the `optsc.selection.reach.Measure` that filled the table.
+    """
 
     name = "manipulability"
     unit = "-"
@@ -99,9 +102,10 @@ class PoseDistance(GraspCost):
     """Weighted pose distance in the gripper frame of each candidate [m].
 
     xi = [R_i^T (p - p_i), log(R_i^T R)] is the hand as seen from grasp i, and the cost is the square root of
-    sum_j w_j xi_j^2 with the rotational weights multiplied by length^2. The weights being fixed to the gripper, the
-    cost does not depend on the world frame. z is the approach axis, y the closing axis: a lower weight of z forgives
-    distance along the approach, which the gripper travels anyway; a lower weight of rotation z forgives roll.
+    sum_j w_j xi_j^2 with the rotational weights multiplied by length^2. The weights being fixed to the
+    gripper, the cost does not depend on the world frame. z is the approach axis, y the closing axis: a lower
+    weight of z forgives distance along the approach, which the gripper travels anyway; a lower weight of
+    rotation z forgives roll.
 
     Attributes:
         position: weights of x, y, z [-].
@@ -152,7 +156,7 @@ def _left_conjugate(q: Array) -> Array:
 
 @dataclass(frozen=True)
 class JointTravel(GraspCost):
-    """Largest joint motion [rad] from the present posture to the grasp's: a large one means another IK branch."""
+    """Largest joint motion [rad] from the present posture to the grasp's; large means another IK branch."""
 
     name = "joint travel"
     unit = "rad"

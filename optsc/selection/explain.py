@@ -12,14 +12,20 @@ if TYPE_CHECKING:
 
 def _name(ranking: Ranking, i: int) -> str:
     candidates = ranking.view.situation.grid.table.candidates
-    return f"{candidates.object_names[int(candidates.object_index[i])]} grasp {int(candidates.grasp_index[i])}"
+    return (
+        f"{candidates.object_names[int(candidates.object_index[i])]} grasp {int(candidates.grasp_index[i])}"
+    )
 
 
 def _costs(ranking: Ranking, i: int) -> str:
-    rule = ranking._rule
+    rule = ranking.rule
     costs = dict.fromkeys((*rule.costs, rule.deciding_cost))
     parts = [cost.describe(float(ranking.cost_of(cost)[i])) for cost in costs]
     return ", ".join(parts)
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def _count(number: int, word: str) -> str:
@@ -34,7 +40,7 @@ def _rejections(ranking: Ranking, k: int) -> list[str]:
 
 
 def _stages(ranking: Ranking, k: int) -> str:
-    view, rule = ranking.view, ranking._rule
+    view, rule = ranking.view, ranking.rule
     survivors = view.selection.survivors
     text = str(int(survivors[0][k].sum()))
     for name, mask in zip(rule.stages, survivors[1:], strict=True):
@@ -52,7 +58,7 @@ def _object(ranking: Ranking, k: int, name: str) -> str:
     target = ranking.target(name)
     turn = ", turned by half a turn" if target is not None and target.half_turn else ""
     grasp = _name(ranking, chosen).removeprefix(f"{name} ")
-    lines = [f"{name}: {grasp}{turn}. {_costs(ranking, chosen).capitalize()}."]
+    lines = [f"{name}: {grasp}{turn}. {_sentence(_costs(ranking, chosen))}"]
     lines.append(
         f"  {_count(present, 'candidate')}"
         + (f", {rejections}" if rejections else "")
@@ -82,13 +88,13 @@ def candidate(ranked: Ranking, i: int) -> str:
     reason = str(ranked.rejected_by[i])
     head = _name(ranked, i)
     if not reason:
-        return f"{head}: chosen. {_costs(ranked, i).capitalize()}."
-    view, rule = ranked.view, ranked._rule
+        return f"{head}: chosen. {_sentence(_costs(ranked, i))}"
+    view, rule = ranked.view, ranked.rule
     layout = view.situation.grid.layout
     k, column = divmod(int(layout.place[i]), layout.index.shape[1])
     stage = int(view.selection.left_at()[k, column])
     if stage < 0:
-        return f"{head}: rejected, {reason}. {_costs(ranked, i).capitalize()}."
+        return f"{head}: rejected, {reason}. {_sentence(_costs(ranked, i))}"
     entering, kept = view.selection.survivors[stage][k], view.selection.survivors[stage + 1][k]
     columns = view.selection._ordered(k, np.flatnonzero(entering), stage)
     place = int(np.flatnonzero(columns == column)[0]) + 1
@@ -97,6 +103,6 @@ def candidate(ranked: Ranking, i: int) -> str:
     limit = cost.describe(float(ranked.cost_of(cost)[last]))
     kept_text = f"{int(kept.sum())} kept, the last with {limit}"
     return (
-        f"{head}: left behind at the {rule.stages[stage]}, place {place} of {int(entering.sum())} ({kept_text}). "
-        f"{_costs(ranked, i).capitalize()}."
+        f"{head}: left behind at the {rule.stages[stage]}, place {place} of {int(entering.sum())} "
+        f"({kept_text}). {_sentence(_costs(ranked, i))}"
     )

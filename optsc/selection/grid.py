@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 TWIN_TOLERANCE = 1e-12
 """Two jaw twins whose |q . q_i| differ by less are equally near; then the stored one is taken."""
-_NEVER = 2.0  # added to the distance of a twin that cannot be used: more than any |q . q_i| can make up for
+_HANDICAP = 2.0  # taken from |q . q_i| of a twin that cannot be used: more than any other can lack
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +87,8 @@ class Grid:
         seeds: (N * T, n) posture of the arm from which each row of the table was solved [rad].
     """
 
-    def __init__(self, table: ReachTable, layout: Layout | None = None) -> None:
-        self.layout = Layout.of(table.candidates) if layout is None else layout
+    def __init__(self, table: ReachTable) -> None:
+        self.layout = Layout.of(table.candidates)
         self.table = table
         self.positions = _components_first(self.layout.spread(table.X_WG.translation[:, 0]))
         quaternions = self._per_twin(table.X_WG.quaternion, [1.0, 0.0, 0.0, 0.0])
@@ -109,7 +109,7 @@ class Grid:
         self.status = self._per_twin(self.table.status, -1)
         usable = self.status == REACHED
         self.reachable = usable.any(axis=0)
-        self._handicap = np.where(usable, 0.0, _NEVER)
+        self._handicap = np.where(usable, 0.0, _HANDICAP)
         self.manipulability = self._per_twin(self.table.manipulability)
         self.seeds = self.table.seed.reshape(self.table.rows, self.table.seed.shape[-1])
 
@@ -146,8 +146,10 @@ class Situation(NamedTuple):
         quaternion: (4,) orientation of the tool that the operator moves, unit.
         position: (3,) [m].
         q: (n,) present posture of the arm [rad].
-        turned: (K, M) bool, True where the half-turned jaw twin is the one to use; None when there are no twins.
-        similarity: (K, M) |q . q_i| in [0, 1] of the twin to use: cosine of half the angle between hand and grasp.
+        turned: (K, M) bool, True where the half-turned jaw twin is the one to use; None when there are no
+            twins.
+        similarity: (K, M) |q . q_i| in [0, 1] of the twin to use: cosine of half the angle between hand and
+            grasp.
     """
 
     grid: Grid
@@ -166,14 +168,12 @@ class Situation(NamedTuple):
 def situate(grid: Grid, quaternion: Array, position: Array, q: Array) -> Situation:
     """Return ``grid`` as seen from a finite hand pose: unit quaternion (4,) and position (3,) [m].
 
-    Of two jaw twins the nearer in orientation is used among those that the arm can carry out; if it can carry out
-    both or none, simply the nearer; if both are equally near, the stored one.
+    Of two jaw twins the nearer in orientation is used among those that the arm can carry out; if it can
+    carry out both or none, simply the nearer; if both are equally near, the stored one.
     """
     similarity = np.abs(quaternion @ grid._flat_quaternions).reshape(grid.status.shape)
     if len(similarity) == 1:
         return Situation(grid, quaternion, position, q, None, similarity[0])
     score = similarity - grid._handicap
     turned = score[1] > score[0] + TWIN_TOLERANCE
-    return Situation(
-        grid, quaternion, position, q, turned, np.where(turned, similarity[1], similarity[0])
-    )
+    return Situation(grid, quaternion, position, q, turned, np.where(turned, similarity[1], similarity[0]))

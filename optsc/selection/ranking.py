@@ -15,6 +15,7 @@ from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.selection import explain
+from optsc.selection.costs import GraspCost
 from optsc.selection.filters import GraspFilter
 from optsc.selection.grid import Grid, Situation, situate
 from optsc.selection.reach import REASONS
@@ -31,7 +32,8 @@ class Target(NamedTuple):
         object_name: which object.
         candidate: index into the candidates.
         grasp_index: index into the object's grasp set.
-        half_turn: whether X_WG is the stored pose turned by half a turn about its z axis (the jaws' symmetry).
+        half_turn: whether X_WG is the stored pose turned by half a turn about its z axis (the jaws'
+            symmetry).
         X_WG, X_WP: tool poses at the grasp and at the pre-grasp.
         q, q_pregrasp: postures (n,) found there [rad].
         opening: distance between the pads when they hold the object [m].
@@ -50,8 +52,19 @@ class Target(NamedTuple):
     manipulability: float
 
 
+class Inputs(NamedTuple):
+    """What a ranking follows from: unit quaternion (4,), position (3,) [m], posture (n,) [rad], finite."""
+
+    grid: Grid
+    rule: Rule
+    filters: tuple[GraspFilter, ...]
+    quaternion: Array
+    position: Array
+    q: Array
+
+
 class View(NamedTuple):
-    """A ranked situation in full: what `Ranking` computes again when someone asks for more than the choice."""
+    """A situation and its selection in full: what `Ranking` computes when asked for more than the choice."""
 
     situation: Situation
     selection: Selection
@@ -59,10 +72,9 @@ class View(NamedTuple):
     rejected: np.ndarray  # (K, M) index into reasons; 0 where admissible
 
 
-def decide(
-    grid: Grid, rule: Rule, filters: tuple[GraspFilter, ...], quaternion: Array, position: Array, q: Array
-) -> tuple[Situation, Selection]:
-    """Return the situation at a finite hand pose and what ``rule`` makes of it. The heart of a control tick."""
+def decide(inputs: Inputs) -> tuple[Situation, Selection]:
+    """Return the situation and what the rule makes of it: the heart of a control tick."""
+    grid, rule, filters, quaternion, position, q = inputs
     situation = situate(grid, quaternion, position, q)
     admissible = grid.reachable
     for one in filters:
@@ -74,14 +86,15 @@ def decide(
 class Ranking:
     """The candidates of every object as ranked for one pose of the hand.
 
-    A value: it keeps the inputs of the ranking, and computes order, costs and explanation from them when asked.
+    A value: it keeps the inputs of the ranking, and computes order, costs and explanation from them when
+    asked.
 
     Attributes:
         chosen: object name -> candidate index of its best grasp, None where none is admissible.
-        best: the object whose chosen grasp is nearest to the tool (position distance + 0.15 m/rad times angle);
-            None where nothing is chosen. Of two equally near the first by name.
-        stale: whether some grasp in the final choice was judged by a posture that belongs to another posture of
-            the arm, because the work of one call is bounded; the next calls catch up.
+        best: the object whose chosen grasp is nearest to the tool (position distance + 0.15 m/rad times
+            angle); None where nothing is chosen. Of two equally near the first by name.
+        stale: whether some grasp in the final choice was judged by a posture that belongs to another posture
+            of the arm, because the work of one call is bounded; the next calls catch up.
         reason: "" or why this ranking is empty or that of an earlier call.
     """
 
@@ -89,7 +102,7 @@ class Ranking:
     best: str | None
     stale: bool = False
     reason: str = ""
-    _inputs: tuple[Grid, Rule, tuple[GraspFilter, ...], Array, Array, Array] | None = None
+    _inputs: Inputs | None = None
 
     @classmethod
     def empty(cls, reason: str) -> Ranking:
@@ -97,24 +110,16 @@ class Ranking:
         return cls(MappingProxyType({}), None, reason=reason)
 
     @classmethod
-    def of_decision(
-        cls,
-        situation: Situation,
-        selection: Selection,
-        rule: Rule,
-        filters: tuple[GraspFilter, ...],
-        stale: bool,
-    ) -> Ranking:
-        """Return the ranking of what `decide` found."""
-        grid, quaternion, position, q = situation[:4]
-        layout = grid.layout
+    def of_decision(cls, inputs: Inputs, situation: Situation, selection: Selection, stale: bool) -> Ranking:
+        """Return the ranking of what `decide` made of ``inputs``."""
+        grid, layout = inputs.grid, inputs.grid.layout
         width = layout.index.shape[1]
         places = [k * width + max(column, 0) for k, column in enumerate(selection.winner)]
         candidates = layout.index.ravel()[places].tolist()
         similarities = situation.similarity.ravel()[places].tolist()
         positions = grid.positions.reshape(3, -1)[:, places].T.tolist()
         chosen: dict[str, int | None] = dict.fromkeys(layout.names)
-        best, nearest, hand = None, inf, position.tolist()
+        best, nearest, hand = None, inf, inputs.position.tolist()
         for k, name in enumerate(layout.names):
             if selection.winner[k] < 0:
                 continue
@@ -123,7 +128,6 @@ class Ranking:
             distance = dist(hand, positions[k]) + METRES_PER_RADIAN * angle
             if distance < nearest:
                 best, nearest = name, distance
-        inputs = (grid, rule, filters, quaternion, position, q)
         return cls(MappingProxyType(chosen), best, stale, "", inputs)
 
     @property
@@ -168,8 +172,7 @@ class Ranking:
 
     @property
     def order(self) -> np.ndarray:
-        """Admissible candidates of all objects, best first: object by object, the one of `best` first, then by
-        name."""
+        """Admissible candidates of all objects, best first: object by object, `best` first, then by name."""
         names = sorted(self.chosen, key=lambda name: name != self.best)
         lines = [self.of(name) for name in names]
         return np.concatenate(lines) if lines else np.zeros(0, dtype=np.int64)
@@ -182,35 +185,33 @@ class Ranking:
     @property
     def total(self) -> Array:
         """The cost (N,) that decides in the end: the weighted sum, or that of a cascade's last stage."""
-        return self.cost_of(self._rule.deciding_cost)
+        return np.zeros(0) if self._inputs is None else self.cost_of(self._known.rule.deciding_cost)
 
     @property
     def costs(self) -> dict[str, Array]:
         """Every cost of the rule by name, each (N,) in its unit, for all candidates."""
-        return {cost.name: self.cost_of(cost) for cost in self._rule.costs} if self._inputs else {}
+        return {} if self._inputs is None else {c.name: self.cost_of(c) for c in self._inputs.rule.costs}
 
-    def cost_of(self, cost: object) -> Array:
+    def cost_of(self, cost: GraspCost) -> Array:
         """Return any cost term (N,) for all candidates at this pose of the hand."""
-        if self._inputs is None:
-            return np.zeros(0)
-        return self._grid.layout.gather(cost.values(self.view.situation))  # type: ignore[attr-defined]
+        return self._known.grid.layout.gather(cost.values(self.view.situation))
 
     @property
     def rejected_by(self) -> np.ndarray:
-        """Why each candidate (N,) is not the chosen one of its object: a filter's reason or the stage; "" if it is."""
+        """Why each candidate (N,) is not the one chosen: a filter's reason or a stage; "" where it is."""
         if self._inputs is None:
             return np.zeros(0, dtype=object)
         view = self.view
         left = view.selection.left_at()
-        words = np.array([*view.reasons, *self._rule.stages, ""], dtype=object)
+        words = np.array([*view.reasons, *self._known.rule.stages, ""], dtype=object)
         codes = np.where(left < 0, view.rejected, len(view.reasons) + left)
         return self._grid.layout.gather(words[codes])
 
     @cached_property
     def view(self) -> View:
         """The situation and the selection in full."""
-        grid, rule, filters, quaternion, position, q = self._known
-        situation, selection = decide(grid, rule, filters, quaternion, position, q)
+        grid, filters = self._known.grid, self._known.filters
+        situation, selection = decide(self._known)
         reasons = (*REASONS, *(one.reason for one in filters))
         rejected = np.where(grid.reachable, 0, situation.chosen(grid.status)).astype(np.int64)
         for number, one in enumerate(filters, start=len(REASONS)):
@@ -226,18 +227,19 @@ class Ranking:
         return explain.candidate(self, self._candidate(i))
 
     @property
-    def _known(self) -> tuple[Grid, Rule, tuple[GraspFilter, ...], Array, Array, Array]:
+    def _known(self) -> Inputs:
         if self._inputs is None:
             raise InvalidValue("ranking", f"empty: {self.reason}", "a ranking of at least one candidate")
         return self._inputs
 
     @property
     def _grid(self) -> Grid:
-        return self._known[0]
+        return self._known.grid
 
     @property
-    def _rule(self) -> Rule:
-        return self._known[1]
+    def rule(self) -> Rule:
+        """The rule that ranked."""
+        return self._known.rule
 
     def _checked(self, name: str) -> str:
         if name not in self.chosen:

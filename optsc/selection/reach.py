@@ -1,8 +1,8 @@
 """The reach table: which grasps the arm can carry out, how it would stand, and how well it could move there.
 
-Solving it belongs to the scene clock; ranking only reads it. Rows are solved in the order in which the arm moves:
-the pre-grasp from the posture at hand, then the grasp from the pre-grasp's posture. So the manipulability of a row is
-the one at the posture that would be driven to.
+Solving it belongs to the scene clock; ranking only reads it. Rows are solved in the order in which the arm
+moves: the pre-grasp from the posture at hand, then the grasp from the pre-grasp's posture. So the
+manipulability of a row is the one at the posture that would be driven to.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ HALF_TURN = Pose.from_quaternion([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0])
 """The jaws' symmetry: half a turn about the tool's z axis."""
 
 SolveIk: TypeAlias = Callable[[Pose, Array], Any]
-"""Inverse kinematics ``solve(X_WT, seeds)`` of R poses from seeds (n,) or (R, n): returns a tuple that begins with
-postures (R, n) and success (R,)."""
+"""Inverse kinematics ``solve(X_WT, seeds)`` of R poses from seeds (n,) or (R, n): returns a tuple that begins
+with postures (R, n) and success (R,)."""
 ClearRows: TypeAlias = Callable[[Array, Array, "Candidates"], np.ndarray]
-"""Collision check ``clear(q_grasp, q_pregrasp, candidates)`` of R rows, postures (R, n): returns (R,) bool."""
+"""Collision check ``clear(q_grasp, q_pregrasp, candidates)`` of R rows: postures (R, n), result (R,) bool."""
 
 
 class Measure(Protocol):
@@ -53,8 +53,8 @@ def _frozen(values: ArrayLike) -> np.ndarray:
 class ReachTable:
     """For each of N candidates and its T jaw twins: reachability, postures and manipulability.
 
-    T is 2 where a half turn about the tool's z axis is the same grasp (twin 0 is the stored pose, twin 1 the turned
-    one), else 1. A *row* is one twin of one candidate: row r is candidate r // T, twin r % T.
+    T is 2 where a half turn about the tool's z axis is the same grasp (twin 0 is the stored pose, twin 1 the
+    turned one), else 1. A *row* is one twin of one candidate: row r is candidate r // T, twin r % T.
 
     Attributes:
         candidates: what was solved.
@@ -129,7 +129,8 @@ def solve_reach(
         q: the arm's present posture (n,) [rad].
         solve: inverse kinematics, see `SolveIk`.
         manipulability: the measure M of the rows.
-        standoff: distance of the pre-grasp before the grasp [m]; X_WP = X_WG moved back along the approach axis.
+        standoff: distance of the pre-grasp before the grasp [m]; X_WP = X_WG moved back along the approach
+            axis.
         clear: collision check of rows that IK reached; None checks nothing.
 
     Raises:
@@ -167,8 +168,8 @@ def refresh(
 ) -> ReachTable:
     """Return a new table in which some rows (R,) were solved anew from the posture ``q`` (n,) [rad].
 
-    What is found replaces what was known, also when a row is no longer reached. Raises `InvalidValue` for a posture
-    that is not finite.
+    What is found replaces what was known, also when a row is no longer reached. Raises `InvalidValue` for a
+    posture that is not finite.
     """
     posture, rows = np.asarray(q, dtype=float), np.asarray(rows, dtype=np.int64)
     if posture.ndim != 1 or not np.all(np.isfinite(posture)):

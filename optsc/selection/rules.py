@@ -1,7 +1,8 @@
 """Rules that rank candidates by their costs: the paper's cascade, a weighted sum, lexicographic order.
 
-A rule sees every object by itself. Ties (keys that differ by less than a cost's resolution) are decided by the other
-costs of the rule in turn, at last by the grasp index, so that no ranking hangs on the order of the candidates.
+A rule sees every object by itself. Ties (keys that differ by less than a cost's resolution) are decided by
+the other costs of the rule in turn, at last by the grasp index, so that no ranking hangs on the order of the
+candidates.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ class Selection:
         return len(self.survivors) - 2
 
     def order(self, k: int) -> np.ndarray:
-        """Return the admissible columns of object ``k``, best first: who stayed longer comes before who left."""
+        """Return the admissible columns of object ``k``, best first: who stayed longer comes first."""
         remaining = [mask[k] for mask in self.survivors]
         left = [remaining[s] & ~remaining[s + 1] for s in range(len(remaining) - 1)]
         groups = [self._ordered(k, np.flatnonzero(remaining[-1]), self.last_stage)]
@@ -90,7 +91,7 @@ class Selection:
         return np.sum(self.survivors, axis=0) - 1
 
     def finalists(self, limit: int) -> np.ndarray:
-        """Return the places (F,) among which the last stage chose, at most the ``limit`` best of each object."""
+        """Return the places (F,) among which the last stage chose, at most the ``limit`` best per object."""
         mask, counts = self.survivors[-2], self.counts[-2]
         if max(counts, default=0) > limit:
             mask = self._nearest(self.last_stage, mask, limit, sum(min(c, limit) for c in counts))
@@ -155,8 +156,11 @@ class Cascade(Rule):
 
     @classmethod
     def paper(cls, orientation: int = 30, position: int = 6) -> Cascade:
-        """Return the paper's rule: the nearest 30 in orientation, of them the nearest 6 in position, of them the
-        one of the highest manipulability (Chen et al. 2023, section II.B)."""
+        """Return the paper's rule (Chen et al. 2023, section II.B).
+
+        Of the candidates the 30 nearest in orientation, of them the 6 nearest in position, of them the one
+        of the highest manipulability.
+        """
         return cls(
             (
                 Stage(OrientationDistance(), orientation),

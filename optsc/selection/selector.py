@@ -1,4 +1,4 @@
-"""The grasp selector: keeps the reach table of the placed candidates and ranks them against the moving hand."""
+"""The grasp selector: keeps the reach table of placed candidates and ranks them against the moving hand."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.selection.filters import GraspFilter
 from optsc.selection.grid import Grid, Situation
-from optsc.selection.ranking import Ranking, decide
+from optsc.selection.ranking import Inputs, Ranking, decide
 from optsc.selection.reach import ClearRows, Measure, ReachTable, SolveIk, refresh, solve_reach
-from optsc.selection.rules import Cascade, Rule, Selection
+from optsc.selection.rules import Cascade, Rule
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
@@ -30,14 +30,14 @@ FINALISTS = 6
 class GraspSelector:
     """Ranks the grasps of every object for the pose of the hand.
 
-    On the scene clock `observe` solves the reach table; on the control clock `rank` reads it. Two kinds of numbers
-    depend on where the arm stands, the postures and their manipulability; so before the final choice the best grasps
-    of every object that were solved from a posture further away than ``refresh_angle`` are solved again, at most
-    ``refresh_limit`` of them in one call.
+    On the scene clock `observe` solves the reach table; on the control clock `rank` reads it. Two kinds of
+    numbers depend on where the arm stands, the postures and their manipulability; so before the final choice
+    the best grasps of every object that were solved from a posture further away than ``refresh_angle`` are
+    solved again, at most ``refresh_limit`` of them in one call.
 
-    Unreachable candidates are filtered out before any stage, so that a stage of 30 means 30 grasps that the arm
-    can carry out. Where jaws are symmetric, a candidate also stands for its half-turned twin: of those twins the arm
-    can carry out, the one nearer to the hand in orientation.
+    Unreachable candidates are filtered out before any stage, so that a stage of 30 means 30 grasps that the
+    arm can carry out. Where jaws are symmetric, a candidate also stands for its half-turned twin: of those
+    twins the arm can carry out, the one nearer to the hand in orientation.
 
     Attributes:
         robot: the arm.
@@ -68,7 +68,8 @@ class GraspSelector:
             solve: inverse kinematics, see `optsc.selection.reach.SolveIk`.
             standoff: distance from the pre-grasp to the grasp along the approach axis [m].
             filters: which candidates may be ranked, besides reachability.
-            refresh_angle: how far a joint may be [rad] from where a finalist was solved before it is solved again.
+            refresh_angle: how far a joint may be [rad] from where a finalist was solved before it is solved
+                again.
             refresh_limit: rows solved again in one call of `rank`, at most.
 
         Raises:
@@ -103,10 +104,10 @@ class GraspSelector:
         return None if self._grid is None else self._grid.table.candidates
 
     def observe(self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None) -> ReachTable:
-        """Solve, keep and return the reach table of ``candidates`` as seen from the arm's posture ``q`` (n,) [rad].
+        """Solve, keep and return the reach table of ``candidates``, seen from the posture ``q`` (n,) [rad].
 
-        To be called when an object moved or grasps were stored; ``clear`` checks rows for collisions in this scene.
-        Raises `InvalidValue` for a posture that is not finite.
+        To be called when an object moved or grasps were stored; ``clear`` checks rows for collisions in this
+        scene. Raises `InvalidValue` for a posture that is not finite.
         """
         table = solve_reach(
             self.robot,
@@ -132,7 +133,7 @@ class GraspSelector:
         *,
         refresh_limit: int | None = None,
     ) -> Ranking:
-        """Return the candidates ranked for the pose of the tool that the hand moves. Made for every control tick.
+        """Return the candidates ranked for the pose of the tool that the hand moves; made for every tick.
 
         Args:
             X_WT: pose of the tool.
@@ -140,41 +141,40 @@ class GraspSelector:
             candidates: observed first when they are not those at hand (without a collision check).
             refresh_limit: in place of the selector's for this call: more at a moment of decision, 0 for none.
 
-        A pose or a posture that is not usable gives the previous ranking, or an empty one, with the reason; nothing
-        is raised for it.
+        A pose, a posture or candidates that are not usable give the previous ranking, or an empty one, with
+        the reason; nothing is raised for them.
         """
         reason = _unusable(X_WT, q, self.robot.n)
         if not reason and candidates is not None and candidates is not self.candidates:
-            self.observe(candidates, q)
-        if not reason and self._grid is None:
-            reason = "no candidates were observed"
-        if reason:
+            try:
+                self.observe(candidates, q)
+            except InvalidValue as error:
+                reason = f"the candidates cannot be used: {error}"
+        if reason or self._grid is None:
+            reason = reason or "no candidates were observed"
             return Ranking.empty(reason) if self.ranking is None else replace(self.ranking, reason=reason)
         posture = np.array(q, dtype=float)
         w, x, y, z = X_WT.quaternion.tolist()
         quaternion = X_WT.quaternion / sqrt(w * w + x * x + y * y + z * z)
         budget = self._refresh_limit if refresh_limit is None else refresh_limit
-        situation, selection, stale = self._decide(quaternion, X_WT.translation, posture, budget)
-        self.ranking = Ranking.of_decision(situation, selection, self.rule, self.filters, stale)
+        inputs = Inputs(self._grid, self.rule, self.filters, quaternion, X_WT.translation, posture)
+        self.ranking = self._ranked(inputs, budget)
         return self.ranking
 
-    def _decide(
-        self, quaternion: Array, position: Array, q: Array, budget: int
-    ) -> tuple[Situation, Selection, bool]:
+    def _ranked(self, inputs: Inputs, budget: int) -> Ranking:
         """Decide, solve the finalists' outdated rows anew and decide again, while the budget lasts."""
         while True:
-            grid = self._grid
-            if grid is None:  # cannot be: `rank` has looked
-                raise InvalidValue("candidates", None, "observed before they are ranked")
-            situation, selection = decide(grid, self.rule, self.filters, quaternion, position, q)
-            rows = self._outdated(grid, situation, selection.finalists(FINALISTS))
+            situation, selection = decide(inputs)
+            rows = self._outdated(situation, selection.finalists(FINALISTS))
             if not len(rows) or budget <= 0:
-                return situation, selection, len(rows) > 0
-            self._grid = grid.with_table(self._refreshed(grid.table, rows[:budget], q))
+                return Ranking.of_decision(inputs, situation, selection, stale=len(rows) > 0)
+            grid = inputs.grid.with_table(self._refreshed(inputs.grid.table, rows[:budget], inputs.q))
+            self._grid, inputs = grid, inputs._replace(grid=grid)
             budget -= len(rows)
 
-    def _outdated(self, grid: Grid, situation: Situation, places: np.ndarray) -> np.ndarray:
-        """Return the rows of the table at ``places`` that were solved too far away, the nearest to the hand first."""
+    def _outdated(self, situation: Situation, places: np.ndarray) -> np.ndarray:
+        """Return the rows at ``places`` that were solved too far away, those nearest to the hand first."""
+        grid = situation.grid
         rows = grid.first_rows[places]
         if situation.turned is not None:
             rows = rows + situation.turned.ravel()[places]
@@ -200,8 +200,8 @@ class GraspSelector:
     def refresh_oldest(self, q: ArrayLike, limit: int) -> int:
         """Solve anew up to ``limit`` rows of all, those solved furthest from ``q`` first; return how many.
 
-        For idle time: it also gives another chance to rows that collided, or were not reached, from where the arm
-        stood before. Raises `InvalidValue` for a posture that is not finite.
+        For idle time: it also gives another chance to rows that collided, or were not reached, from where
+        the arm stood before. Raises `InvalidValue` for a posture that is not finite.
         """
         if self._grid is None:
             return 0
@@ -225,6 +225,6 @@ def _unusable(X_WT: Pose, q: ArrayLike, n: int) -> str:
         return "the hand's quaternion is zero"
     if np.shape(q) != (n,):
         return f"the arm's posture has the shape {np.shape(q)}, not ({n},)"
-    if not isfinite(sum(q.tolist() if isinstance(q, np.ndarray) else q)):
+    if not isfinite(sum(np.asarray(q, dtype=float).tolist())):
         return "the arm's posture is not finite"
     return ""

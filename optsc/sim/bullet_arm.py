@@ -13,6 +13,8 @@ from optsc.robot import RobotModel
 from optsc.sim.bullet_bodies import add_robot
 from optsc.sim.settings import PhysicsSettings
 
+Colour = tuple[float, float, float]
+
 WITHOUT_LIMIT = 1000.0
 """Torque [N m] of a joint whose effort limit the description does not state."""
 
@@ -63,13 +65,11 @@ class Arm:
     def _set_limits_and_friction(self) -> None:
         arm, limits = {"physicsClientId": self._client}, self._robot.limits
         for i, index in enumerate(self._joints):
-            # A joint's drive makes up for its friction; the model's limits may be others than the description's.
+            # A drive makes up for its joint's friction; the model may have other limits than the description.
             pybullet.changeDynamics(self.body, index, jointDamping=0.0, **arm)
             if limits.bounded[i]:
                 lower, upper = float(limits.lower[i]), float(limits.upper[i])
-                pybullet.changeDynamics(
-                    self.body, index, jointLowerLimit=lower, jointUpperLimit=upper, **arm
-                )
+                pybullet.changeDynamics(self.body, index, jointLowerLimit=lower, jointUpperLimit=upper, **arm)
         for index in self.fingers:
             pybullet.changeDynamics(
                 self.body,
@@ -97,6 +97,13 @@ class Arm:
         )
         pybullet.changeConstraint(gear, gearRatio=-1, erp=0.1, maxForce=50, physicsClientId=self._client)
 
+    def paint(self, arm: Colour, hand: Colour) -> None:
+        """Give the arm one colour and all that comes after its last joint another; RGB from 0 to 1."""
+        last = max(self._joints)
+        for _, link, *_ in pybullet.getVisualShapeData(self.body, physicsClientId=self._client):
+            rgb = hand if link > last else arm
+            pybullet.changeVisualShape(self.body, link, rgbaColor=[*rgb, 1.0], physicsClientId=self._client)
+
     def place(self, q: Sequence[float], opening: float) -> None:
         """Put the joints at ``q`` (n,) [rad] and the pads ``opening`` [m] apart, all at rest, at once."""
         for index, value in zip(self._joints, q, strict=True):
@@ -105,7 +112,7 @@ class Arm:
             pybullet.resetJointState(self.body, index, 0.5 * opening, 0.0, physicsClientId=self._client)
 
     def drive(self, q: Sequence[float], v: Sequence[float]) -> None:
-        """Set the drives for the next step: ``q`` (n,) [rad] at its beginning, mean velocity ``v`` (n,) [rad/s].
+        """Set the drives for the next step: ``q`` (n,) [rad] at its start, mean velocity ``v`` (n,) [rad/s].
 
         Has to be called before every step: a drive that keeps its target trails it by 1 / gain steps.
         """

@@ -1,6 +1,6 @@
 """Bodies of a simulated world: the table, the arm and the objects, as PyBullet takes them.
 
-Numbers that go into PyBullet are floats and lists: several of its functions read numpy arrays as something else.
+Numbers go into PyBullet as floats and lists: several of its functions crash on numpy arrays.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _OTHER_COLOURS = ((0.48, 0.32, 0.64), (0.30, 0.60, 0.66), (0.62, 0.50, 0.36), (0
 
 
 class Inertia(NamedTuple):
-    """Mass properties of a solid: its principal frame M in the object's frame O, and the moments about its axes."""
+    """Mass properties of a solid: its principal frame M in the object's frame O, moments about M's axes."""
 
     X_OM: Pose
     moments: Array  # (3,) [kg m^2]
@@ -67,16 +67,17 @@ def inertia(mesh: TriangleMesh, mass: float) -> Inertia:
 
 
 def shrunk(part: TriangleMesh, margin: float = MARGIN) -> TriangleMesh:
-    """Return a convex ``part`` with every face moved inwards by ``margin`` [m]; the part itself if it is too thin.
+    """Return a convex ``part`` with every face moved inwards by ``margin`` [m], or as it is if too thin for that.
 
-    What PyBullet rounds outwards by as much has the part's size again, so that objects neither float above the
-    table nor are wider in the hand than they look.
+    PyBullet rounds it outwards by as much, to its size again: objects then neither float above the table nor
+    are wider in the hand than they look.
     """
     from scipy.optimize import linprog
     from scipy.spatial import ConvexHull, HalfspaceIntersection
 
     planes = ConvexHull(part.vertices).equations  # outward normal n and offset d of each facet: n x + d <= 0
-    planes = np.unique(np.round(planes, 9), axis=0) + [0.0, 0.0, 0.0, margin]
+    planes = np.unique(np.round(planes, 9), axis=0)
+    planes[:, 3] += margin
     # The middle of the largest ball inside: maximise r subject to n x + r + d <= 0.
     inside = linprog(
         [0.0, 0.0, 0.0, -1.0],
@@ -120,8 +121,8 @@ def _collision_text(model: ObjectModel) -> str:
 def add_object(client: int, model: ObjectModel, X_WO: Pose, *, visible: bool = False) -> int:
     """Put an object into the simulation ``client`` and return its body.
 
-    It is touched as its convex pieces and, if ``visible``, looked at as its exact surface. Its frame in PyBullet is
-    the principal frame M of its mass, see `inertia`, not O.
+    It is touched as its convex pieces and, if ``visible``, looked at as its exact surface. PyBullet reports the
+    pose of the principal frame M of its mass, see `inertia`, not of O.
     """
     mass_frame = inertia(model.mesh, model.mass)
     # Meshes are kept by file name otherwise, and a later object may be given the name of an earlier one.
@@ -171,13 +172,14 @@ def _multibody(client: int, model: ObjectModel, X_WO: Pose, X_OM: Pose, folder: 
     )
 
 
-def add_table(client: int) -> tuple[int, int]:
-    """Put a table, its top at z = 0, and a floor into the simulation ``client``; return their bodies."""
+def add_table(client: int, *, floor: bool = True) -> tuple[int, ...]:
+    """Put a table, its top at z = 0, and a ``floor`` into the simulation ``client``; return their bodies."""
     bodies = []
-    for half_extents, top, rgb in (
+    slabs = (
         (TABLE_HALF_EXTENTS, 0.0, (0.87, 0.84, 0.79)),
         ((3.0, 3.0, 0.05), FLOOR_HEIGHT, (0.62, 0.64, 0.67)),
-    ):
+    )
+    for half_extents, top, rgb in slabs[: 1 + floor]:
         shape = {"halfExtents": list(half_extents), "physicsClientId": client}
         body = pybullet.createMultiBody(
             baseMass=0.0,
@@ -191,14 +193,15 @@ def add_table(client: int) -> tuple[int, int]:
         # PyBullet multiplies the coefficients of two bodies: one leaves the object's own in force.
         pybullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=client)
         bodies.append(body)
-    return bodies[0], bodies[1]
+    return tuple(bodies)
 
 
 def add_robot(client: int, robot: RobotModel, *, visible: bool = False) -> int:
     """Put an arm with its base frame at W into the simulation ``client`` and return its body.
 
-    What it looks like is read only if ``visible``: that takes a hundred times as long as all the rest. Masses and inertias are the description's own. Link order is left to PyBullet: keeping the file's corrupts
-    memory for descriptions whose root comes last.
+    What it looks like is read only if ``visible``: that takes a hundred times as long as all the rest. Masses and
+    inertias are the description's own. The order of links is left to PyBullet: to keep the file's corrupts
+    memory where the root comes last.
     """
     root = read_urdf(robot.urdf)
     for link in root.findall("link"):

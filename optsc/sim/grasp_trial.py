@@ -27,7 +27,9 @@ from optsc.sim.objects import ObjectModel
 _HAND, _TOOL = "panda_hand", "panda_hand_tcp"
 _AWAY = Pose.from_translation([0.0, 0.0, 2.0])
 _SETTLE, _PAUSE = 0.5, 0.25  # [s]
-_SQUEEZE = 1.0  # [m/s]; PyBullet's motors reach their force only where the speed asked for is far from being met
+_SQUEEZE = (
+    1.0  # [m/s]; PyBullet's motors reach their force only where the speed asked for is far from being met
+)
 _PULL = 500.0  # [N], greatest force that moves the floating hand
 
 
@@ -244,7 +246,9 @@ class _Bench:
         X_WH = poses @ self._X_HT.inverse()
         positions, orientations = X_WH.translation.tolist(), np.roll(X_WH.quaternion, -1, axis=-1).tolist()
         for position, orientation in zip(positions, orientations, strict=True):
-            pybullet.changeConstraint(self._grip, position, orientation, maxForce=_PULL, physicsClientId=self._client)
+            pybullet.changeConstraint(
+                self._grip, position, orientation, maxForce=_PULL, physicsClientId=self._client
+            )
             pybullet.stepSimulation(physicsClientId=self._client)
 
     def _steps(self, duration: float) -> Array:

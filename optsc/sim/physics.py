@@ -92,10 +92,11 @@ class Physics:
         return self._steps * self.settings.time_step
 
     def reset(self, q: ArrayLike) -> None:
-        """Put the arm at ``q`` (n,) [rad] at rest with open jaws, the objects where they stood; time starts at 0.
+        """Put the arm at ``q`` (n,) [rad] at rest, jaws open, the objects where they stood; time becomes 0.
 
-        Everything is built anew, so that what follows is the same, bit for bit, whatever happened before: a state
-        that PyBullet restores lacks what its broad phase and its solver remember. Raises `InvalidValue`.
+        Everything is built anew, so that what follows is the same, bit for bit, whatever happened before: a
+        state that PyBullet restores lacks what its broad phase and its solver remember.
+        Raises `InvalidValue`.
         """
         robot = self.world.robot
         posture = robot.checked(q)
@@ -111,7 +112,7 @@ class Physics:
         Args:
             q: where the arm should be at the beginning of the step (n,) [rad].
             v: its mean velocity during the step (n,) [rad/s].
-            opening: what the jaws move towards [m]. Less than the width of what is between them presses on it.
+            opening: what the jaws move towards [m]; if what is between them is wider, they press on it.
         """
         client = self.client
         self._arm.drive(q, v)
@@ -132,7 +133,9 @@ class Physics:
     def poses(self) -> dict[str, Pose]:
         """Return X_WO of every object."""
         client = self.client
-        frames = [pybullet.getBasePositionAndOrientation(b, physicsClientId=client) for b in self._bodies.values()]
+        frames = [
+            pybullet.getBasePositionAndOrientation(b, physicsClientId=client) for b in self._bodies.values()
+        ]
         if not frames:
             return {}
         p, xyzw = np.array([f[0] for f in frames]), np.array([f[1] for f in frames])

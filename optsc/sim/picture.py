@@ -25,6 +25,8 @@ from optsc.sim.tabletop import Tabletop
 Image = NDArray[np.uint8]
 
 _NEAR, _FAR = 0.05, 10.0  # [m]
+_ARM_COLOUR, _HAND_COLOUR = (0.93, 0.93, 0.94), (0.42, 0.44, 0.48)
+_BACKDROP = np.array([[196.0, 208.0, 220.0], [240.0, 243.0, 246.0]])  # top and bottom, RGB
 
 
 @dataclass(frozen=True)
@@ -32,13 +34,13 @@ class Viewpoint:
     """Where a picture is taken from.
 
     Attributes:
-        eye, target: positions in W [m]; the line between them is the optical axis, and z is up in the picture.
+        eye, target: positions in W [m]; the line between them is the optical axis, z is up in the picture.
         field_of_view: vertical opening angle [rad].
     """
 
-    eye: tuple[float, float, float] = (1.55, -0.75, 0.85)
-    target: tuple[float, float, float] = (0.28, 0.02, 0.17)
-    field_of_view: float = 0.70
+    eye: tuple[float, float, float] = (1.60, -1.00, 0.95)
+    target: tuple[float, float, float] = (0.28, 0.02, 0.29)
+    field_of_view: float = 0.66
 
 
 class Renderer:
@@ -54,8 +56,9 @@ class Renderer:
         self.world = world
         self._client: int | None = pybullet.connect(pybullet.DIRECT)
         try:
-            bullet_bodies.add_table(self._client)
+            bullet_bodies.add_table(self._client, floor=False)
             self._arm = Arm(self._client, world.robot, PhysicsSettings(), visible=True)
+            self._arm.paint(_ARM_COLOUR, _HAND_COLOUR)
             self._objects = {
                 name: (
                     bullet_bodies.add_object(self._client, model, world.X_WO[name], visible=True),
@@ -104,7 +107,9 @@ class Renderer:
         blocks = pixels.reshape(height, samples, width, samples, 3)
         return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
 
-    def _arrange(self, robot: RobotModel, q: ArrayLike, opening: float | None, X_WO: Mapping[str, Pose]) -> None:
+    def _arrange(
+        self, robot: RobotModel, q: ArrayLike, opening: float | None, X_WO: Mapping[str, Pose]
+    ) -> None:
         if opening is None:
             opening = robot.gripper.max_opening if robot.gripper else 0.0
         self._arm.place(robot.checked(q).tolist(), opening)
@@ -112,7 +117,8 @@ class Renderer:
             if name not in self._objects:
                 raise UnknownName("object", name, self._objects)
             body, X_OM = self._objects[name]
-            position, orientation = bullet_bodies.bullet_pose(pose)
+            # PyBullet makes a body at the pose of its frame but moves it by the pose of its mass.
+            position, orientation = bullet_bodies.bullet_pose(pose @ X_OM)
             pybullet.resetBasePositionAndOrientation(
                 body, position, orientation, physicsClientId=self._client
             )
@@ -128,6 +134,7 @@ class Renderer:
             viewMatrix=view,
             projectionMatrix=projection,
             lightDirection=[0.8, -0.9, 2.2],
+            lightDistance=3.0,
             lightColor=[1.0, 1.0, 1.0],
             lightAmbientCoeff=0.62,
             lightDiffuseCoeff=0.42,
@@ -137,7 +144,11 @@ class Renderer:
             renderer=pybullet.ER_TINY_RENDERER,
             physicsClientId=client,
         )
-        return np.reshape(image[2], (height, width, 4))[..., :3].astype(float)
+        colours = np.reshape(image[2], (height, width, 4))[..., :3].astype(float)
+        nothing = np.reshape(image[3], (height, width)) > 0.9999
+        down = np.linspace(0.0, 1.0, height)[:, None]
+        backdrop = (1.0 - down) * _BACKDROP[0] + down * _BACKDROP[1]
+        return np.where(nothing[..., None], backdrop[:, None], colours)
 
     def close(self) -> None:
         """Free what was loaded; closing again does nothing."""

@@ -58,7 +58,7 @@ def tabletop(
         objects: names from `OBJECT_NAMES` or models of one's own, each name once.
         seed: same robot, objects and seed, same poses.
         spacing: least distance between the centres of two objects [m].
-        gap: least distance between the circles around two objects' outlines [m], so that a hand fits between them.
+        gap: least distance between the circles around two objects [m], so that a hand fits between them.
 
     Raises:
         UnknownName: there is no object of that name.
@@ -76,7 +76,7 @@ def tabletop(
     apart = np.maximum(spacing, radii[:, None] + radii + gap)
     places = _arranged(apart, band, rng)
     if places is None:
-        room = f"{band.inner:.2f} to {band.outer:.2f} m from the base and within {HALF_ANGLE} rad of straight ahead"
+        room = f"{band.inner:.2f} to {band.outer:.2f} m from the base, {HALF_ANGLE} rad to both sides"
         valid = (
             f"fewer or smaller ones: {room}, {apart.min():.2f} to {apart.max():.2f} m apart, they do not fit"
         )
@@ -91,7 +91,7 @@ def tabletop(
 
 
 def _arranged(apart: Array, band: Band, rng: np.random.Generator) -> Array | None:
-    """Return places (N, 2) [m], uniform in the region, at least ``apart`` (N, N) [m]; None if none are found."""
+    """Return places (N, 2) [m], uniform in the region, at least ``apart`` (N, N) [m]; None if none fit."""
     count = len(apart)
     for _ in range(_ARRANGEMENTS):
         places: list[Array] = []

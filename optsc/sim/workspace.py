@@ -1,7 +1,7 @@
 """Where on the table an arm grasps comfortably, found from its kinematics alone.
 
-A share of the arm's reach would be simpler, but the region depends on more than on its length: with its elbow held
-at 120 degrees the iiwa cannot grasp at half its reach, where the Panda grasps best.
+A share of the arm's reach would be simpler, but the region depends on more than the arm's length: with its elbow
+held at 120 degrees the iiwa cannot grasp at half its reach, where the Panda grasps best.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Band(NamedTuple):
 
 
 def _probes() -> Pose:
-    """Return grasps (radii, kinds) straight ahead: from the top at two yaws, from the side at three azimuths."""
+    """Return grasps (radii, kinds) ahead: from the top at two yaws, from the side at three azimuths."""
     axes = [([c, s, 0.0], [0.0, 0.0, -1.0], z) for c, s in ((0.0, 1.0), (1.0, 0.0)) for z in _TOP_HEIGHTS]
     for a in np.radians([-40.0, 0.0, 40.0]):
         axes += [([-np.sin(a), np.cos(a), 0.0], [np.cos(a), np.sin(a), 0.0], z) for z in _SIDE_HEIGHTS]
@@ -49,7 +49,7 @@ def _probes() -> Pose:
 
 
 def _reached(robot: RobotModel, X_WT: Pose, q: Array) -> Array:
-    """Tell for which poses (N,) damped Newton steps from the postures ``q`` (N, n) arrive: within 1 mm and 1 mrad."""
+    """Tell for which poses (N,) damped Newton steps from ``q`` (N, n) arrive within 1 mm and 1 mrad."""
     for _ in range(_ITERATIONS):
         now = robot.forward(q)
         turn = rotation.log(rotation.multiply(X_WT.quaternion, rotation.conjugate(now.quaternion)))
@@ -66,7 +66,7 @@ def _reached(robot: RobotModel, X_WT: Pose, q: Array) -> Array:
 
 @lru_cache(maxsize=16)
 def comfortable_band(robot: RobotModel) -> Band:
-    """Return the middle of the band in which ``robot`` reaches grasps from the top and from the side; deterministic.
+    """Return the middle of the band in which ``robot`` reaches grasps from the top and from the side.
 
     Raises:
         InvalidValue: there is no such band on a table at the height of the arm's base.

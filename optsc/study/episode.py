@@ -24,7 +24,7 @@ from optsc.metrics import (
     switch_jump,
 )
 from optsc.operators import ClutchSettings, Reach, Simulated
-from optsc.operators.simulated import R_WS
+from optsc.operators.simulated import R_WS_DEFAULT
 from optsc.records import Run, Tick
 from optsc.robot.collision import CollisionModel
 from optsc.robot.manipulability import Manipulability
@@ -138,7 +138,7 @@ def build_controller(setting: Setting, strategy: Strategy) -> SharedController:
     """Return the controller of an episode: the paper's mapping of the hand, and the strategy's rule."""
     robot = setting.world.robot
     selector = GraspSelector(robot, strategy.rule, setting.manipulability, standoff=setting.approach.standoff)
-    return SharedController(robot, selector, approach=setting.approach, clutch=ClutchSettings(R_WS=R_WS))
+    return SharedController(robot, selector, approach=setting.approach, clutch=ClutchSettings(R_WS=R_WS_DEFAULT))
 
 
 def clearance(world: Tabletop) -> GraspClearance:
@@ -163,7 +163,7 @@ def run_episode(
     controller = build_controller(setting, strategy)
     ticks = run(
         controller,
-        operator=Simulated(seed=setting.seed, plan=tuple(plan), R_WS=R_WS),
+        operator=Simulated(seed=setting.seed, plan=tuple(plan), R_WS=R_WS_DEFAULT),
         follower=follower,
         candidates=setting.library.place(world.X_WO),
         clear=clearance(world),

@@ -24,8 +24,8 @@ __all__ = ["MANIPULABILITY_ONLY", "PROPOSED", "Curve", "Situation", "approach_fi
 OBJECT_COLOURS = ("#3a9d6e", "#8a63b0", "#c04a60", "#8c6d31", "#4aa3a2", "#7a8794")
 """One for each object, apart from those of the two strategies."""
 
-_PANEL, _HEIGHT, _FOOT = 5.2, 5.2, 1.15
-"""Width of a panel, height of the figure, height of what stands below the panels [inches]."""
+_SCENE, _VIEWS, _HEIGHT, _FOOT = 5.2, 4.7, 5.2, 1.15
+"""Width of a scene and of the views, height of the figure and of what stands below the views [inches]."""
 _METADATA: dict[str, dict[str, None]] = {
     ".png": {"Software": None},
     ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -45,9 +45,9 @@ def approach_figure(
 
     Args:
         objects: surface and pose X_WO by name.
-        boxes: of the gripper in the tool frame (K, 2, 3): lower and upper corners [m], as `Gripper.boxes` gives.
+        boxes: of the gripper in the tool frame (K, 2, 3): lower and upper corners [m], see `Gripper.boxes`.
         situations: where the tool is and what is selected from there; one or two.
-        curves: the ways of the tool, one for each strategy; the later are drawn over the earlier.
+        curves: the ways of the tool, one for each strategy; the first is drawn on top.
         title: above all panels.
 
     Raises `InvalidValue` when there is nothing to draw in a panel, or a grasp is for an object that is not
@@ -58,16 +58,16 @@ def approach_figure(
 
     colours = {name: OBJECT_COLOURS[i % len(OBJECT_COLOURS)] for i, name in enumerate(sorted(objects))}
     head = 0.45 if title is None else 0.85
-    width = _PANEL * (len(situations) + 1)
+    width = _SCENE * len(situations) + _VIEWS
     figure = Figure(figsize=(width, _HEIGHT + head - 0.45), dpi=150, facecolor="white")
     within = region(objects, situations, boxes)
     panel_height = _HEIGHT - _FOOT - 0.45
     for i, situation in enumerate(situations):
-        cell = (_PANEL * i + 0.1, 0.55, _PANEL - 0.3, panel_height + _FOOT - 0.55)
+        cell = (_SCENE * i + 0.1, 0.3, _SCENE - 0.25, panel_height + _FOOT - 0.3)
         axes = figure.add_axes(_shares(figure, cell), projection="3d")
         draw_situation(axes, objects, colours, boxes, situation, within)
         _caption(figure, (cell[0] + 0.1, _FOOT + panel_height), i, situation.title)
-    left = _PANEL * len(situations) + 0.65
+    left = _SCENE * len(situations) + 0.75
     draw_views(figure, (left, _FOOT, width - left - 0.2, panel_height), objects, colours, curves)
     _caption(figure, (left - 0.5, _FOOT + panel_height), len(situations), "the tool's way to the grasp")
     draw_legend(figure, curves, at=((0.5 * (left + width) - 0.3) / width, 0.0))

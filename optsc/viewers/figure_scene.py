@@ -39,7 +39,9 @@ def region(objects: Scene, situations: Sequence[Situation], boxes: Array) -> tup
         points.append(shapes.box_triangles(boxes, situation.X_WT))
         points += [shapes.box_triangles(shapes.fork_boxes(), X_WG) for X_WG in situation.grasps.values()]
     everything = np.concatenate(points).reshape(-1, 3)
-    lower, upper = everything.min(axis=0) - 0.03, everything.max(axis=0) + 0.03
+    # In front, where names and numbers stand, the table is a little larger.
+    lower = everything.min(axis=0) - np.array([0.03, 0.05, 0.0])
+    upper = everything.max(axis=0) + np.array([0.10, 0.03, 0.01])
     lower[2] = 0.0
     return lower, upper
 
@@ -130,8 +132,8 @@ def _draw_table(axes: Any, within: tuple[Array, Array]) -> None:
         axes.text(x, y0 - 0.025, 0.0, f"{x:.1f}", **style)
     for y in _tenths(y0 + 0.02, y1 - 0.02):
         axes.text(x1 + 0.025, y, 0.0, f"{y:.1f}", **style)
-    axes.text(0.5 * (x0 + x1), y0 - 0.06, 0.0, "x [m]", **style)
-    axes.text(x1 + 0.07, 0.5 * (y0 + y1), 0.0, "y [m]", **style)
+    axes.text(0.5 * (x0 + x1), y0 - 0.13, 0.0, "x [m]", **style)
+    axes.text(x1 + 0.1, 0.5 * (y0 + y1), 0.0, "y [m]", **style)
 
 
 def _tenths(low: float, high: float) -> Array:

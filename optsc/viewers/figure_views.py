@@ -29,7 +29,7 @@ def draw_views(
     colours: Mapping[str, str],
     curves: Sequence[Curve],
 ) -> None:
-    """Draw the views into ``frame`` (left, bottom, width, height) [inches] of ``figure``, one above the other."""
+    """Draw the views, one above the other, into ``frame`` (left, bottom, width, height) [inches]."""
     left, bottom, width, height = frame
     lower, upper, scale = _extent(objects, curves, width, height - _GAP)
     side_height = scale * (upper - lower)[2]
@@ -38,8 +38,8 @@ def draw_views(
     side = figure.add_axes(np.array([left, bottom, width, side_height]) / inches)
     top = figure.add_axes(np.array([left, bottom + side_height + _GAP, width, top_height]) / inches)
     for axes, j, name in ((top, 1, "from above"), (side, 2, "from the side")):
-        _draw_objects(axes, objects, colours, j)
-        for curve in curves:
+        _draw_objects(axes, objects, colours, curves, j)
+        for curve in reversed(curves):
             _draw_curve(axes, curve, j)
         axes.set(xlim=(lower[0], upper[0]), ylim=(lower[j], upper[j]))
         axes.set_aspect("equal", adjustable="box")
@@ -93,9 +93,9 @@ def _extent(
         if curve.X_WG is not None:
             points.append(shapes.box_triangles(shapes.fork_boxes(), curve.X_WG).reshape(-1, 3))
     for mesh, X_WO in objects.values():
-        surface = shapes.mesh_triangles(mesh, X_WO).reshape(-1, 3)
-        if min(np.linalg.norm(surface - curve.p[-1], axis=1).min() for curve in curves) <= _REACHED:
-            points.append(surface)
+        surface = shapes.mesh_triangles(mesh, X_WO)
+        if _is_reached(surface, curves):
+            points.append(surface.reshape(-1, 3))
     everything = np.concatenate(points)
     lower, upper = everything.min(axis=0) - 0.025, everything.max(axis=0) + 0.025
     lower[2] = min(lower[2], -0.015)
@@ -106,34 +106,47 @@ def _extent(
     return lower - spare * [1.0, 1.0, 0.0], upper + spare * [1.0, 1.0, 2.0], scale
 
 
-def _draw_objects(axes: Any, objects: Scene, colours: Mapping[str, str], j: int) -> None:
+def _draw_objects(
+    axes: Any, objects: Scene, colours: Mapping[str, str], curves: Sequence[Curve], j: int
+) -> None:
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgb
+    from matplotlib.patheffects import withStroke
 
     for name, (mesh, X_WO) in objects.items():
-        colour = mixed(to_rgb(colours[name]), 0.30)
-        flat = shapes.mesh_triangles(mesh, X_WO)[..., [0, j]]
+        surface = shapes.mesh_triangles(mesh, X_WO)
+        reached = _is_reached(surface, curves)
+        colour = mixed(to_rgb(colours[name]), 0.34 if reached else 0.14)
+        outline = list(surface[..., [0, j]])
         # Filled triangles of one colour make the exact outline, also of what is hollow or has a handle.
         axes.add_collection(
-            PolyCollection(flat, facecolors=[colour], edgecolors=[colour], linewidths=0.4, zorder=2)
+            PolyCollection(
+                outline, facecolors=[colour], edgecolors=[colour], linewidths=0.4, zorder=3 if reached else 2
+            )
         )
-        low, high = flat.reshape(-1, 2).min(axis=0), flat.reshape(-1, 2).max(axis=0)
+        low, high = surface.min(axis=(0, 1)), surface.max(axis=(0, 1))
         if j == 1:
+            at = (high[0] + 0.006, 0.5 * (low[1] + high[1]))
             axes.text(
-                0.5 * (low[0] + high[0]),
-                low[1] - 0.006,
+                *at,
                 name,
                 color=colours[name],
                 fontsize=8.5,
-                ha="center",
-                va="top",
-                zorder=3,
+                va="center",
+                zorder=8,
                 clip_on=True,
+                path_effects=[withStroke(linewidth=2.5, foreground="white")],
             )
+
+
+def _is_reached(surface: Array, curves: Sequence[Curve]) -> bool:
+    points = surface.reshape(-1, 3)
+    return bool(min(np.linalg.norm(points - curve.p[-1], axis=1).min() for curve in curves) <= _REACHED)
 
 
 def _draw_curve(axes: Any, curve: Curve, j: int) -> None:
     from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
 
     for automatic, p in curve.pieces():
         axes.plot(
@@ -149,17 +162,11 @@ def _draw_curve(axes: Any, curve: Curve, j: int) -> None:
     axes.plot(starts[:, 0], starts[:, j], "o", ms=6.5, mfc="white", mec=INK, mew=1.4, zorder=7)
     axes.plot(*curve.p[-1, [0, j]], "o", ms=5.5, mfc=curve.colour, mec="white", mew=1.0, zorder=6)
     if curve.X_WG is not None:
-        fork = shapes.box_triangles(shapes.fork_boxes(thickness=0.004), curve.X_WG)[..., [0, j]]
-        colour = mixed(_rgb(curve.colour), 0.55)
+        fork = list(shapes.box_triangles(shapes.fork_boxes(thickness=0.004), curve.X_WG)[..., [0, j]])
+        colour = mixed(to_rgb(curve.colour), 0.55)
         axes.add_collection(
             PolyCollection(fork, facecolors=[colour], edgecolors=[colour], linewidths=0.4, zorder=4)
         )
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    from matplotlib.colors import to_rgb
-
-    return to_rgb(colour)
 
 
 def _plain(axes: Any) -> None:

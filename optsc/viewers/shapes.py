@@ -61,7 +61,7 @@ def refined(triangles: Array, longest: float) -> Array:
 
 
 def normals(triangles: Array) -> Array:
-    """Return the unit normals (F, 3) of ``triangles`` (F, 3, 3), to the side they go round counter-clockwise."""
+    """Return the unit normals (F, 3) of ``triangles`` (F, 3, 3), seen counter-clockwise."""
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return normal / np.where(length > 0.0, length, 1.0)

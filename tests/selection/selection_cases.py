@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 
 from optsc.geometry import Pose, rotation
+from optsc.grasps import Candidates
 from optsc.selection import ReachTable, solve_reach
 
 JOINTS = 7
+CENTRE = np.array([0.5, 0.0, 0.2])
 ROBOT = SimpleNamespace(n=JOINTS, name="a plain stand-in")
-
-
-@dataclass(frozen=True, eq=False)
-class Candidates:
-    object_names: tuple
-    object_index: np.ndarray
-    grasp_index: np.ndarray
-    X_WG: Pose
-    opening: np.ndarray
-    quality: np.ndarray
-    jaw_symmetric: bool
 
 
 def random_candidates(rng, counts=(150, 150, 150), jaw_symmetric=True, spread=0.3):
@@ -32,7 +23,7 @@ def random_candidates(rng, counts=(150, 150, 150), jaw_symmetric=True, spread=0.
         object_names=names,
         object_index=np.repeat(np.arange(len(counts)), counts),
         grasp_index=np.concatenate([np.arange(c) for c in counts]) if counts else np.zeros(0, dtype=int),
-        X_WG=Pose(rotation.random(rng, (total,)), rng.uniform(-spread, spread, (total, 3)) + [0.5, 0.0, 0.2]),
+        X_WG=Pose(rotation.random(rng, (total,)), CENTRE + rng.uniform(-spread, spread, (total, 3))),
         opening=rng.uniform(0.01, 0.07, total),
         quality=rng.uniform(0.0, 1.0, total),
         jaw_symmetric=jaw_symmetric,
@@ -40,7 +31,7 @@ def random_candidates(rng, counts=(150, 150, 150), jaw_symmetric=True, spread=0.
 
 
 def random_hand(rng):
-    return Pose(rotation.random(rng), rng.uniform(-0.3, 0.3, 3) + [0.5, 0.0, 0.2])
+    return Pose(rotation.random(rng), CENTRE + rng.uniform(-0.3, 0.3, 3))
 
 
 def solve_all(X_WT, seeds):

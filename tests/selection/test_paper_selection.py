@@ -6,7 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from selection_cases import JOINTS, ROBOT, SmoothMeasure, random_candidates, random_hand, random_table, solve_all
+from selection_cases import (
+    JOINTS,
+    ROBOT,
+    SmoothMeasure,
+    random_candidates,
+    random_hand,
+    random_table,
+    solve_all,
+)
 
 from optsc.selection import Cascade, GraspSelector
 
@@ -38,7 +46,7 @@ def usable_poses(table, i):
 
 
 def literal_selection(table, hand, k):
-    """150 poses, of them the 30 nearest in orientation, of them the 6 nearest in position, of them the best M."""
+    """Of 150 poses the 30 nearest in orientation, of them the 6 nearest in position, of them the best M."""
     q_ee, p_ee = hand.quaternion.tolist(), hand.translation.tolist()
     candidate_list = []
     for i in range(len(table.candidates.object_index)):

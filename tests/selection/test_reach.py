@@ -123,11 +123,15 @@ def test_a_measure_that_is_not_a_number_counts_as_nothing():
         def evaluate(self, robot, q):
             return np.where(np.arange(len(q)) % 2, np.nan, 0.4)
 
-    table = table_of(random_candidates(np.random.default_rng(47), (4,), jaw_symmetric=False), manipulability=Broken())
+    table = table_of(
+        random_candidates(np.random.default_rng(47), (4,), jaw_symmetric=False), manipulability=Broken()
+    )
     assert table.manipulability[:, 0].tolist() == [0.4, 0.0, 0.4, 0.0]
 
 
-@pytest.mark.parametrize("settings", [{"standoff": -0.1}, {"standoff": float("nan")}, {"q": np.full(JOINTS, np.nan)}])
+@pytest.mark.parametrize(
+    "settings", [{"standoff": -0.1}, {"standoff": float("nan")}, {"q": np.full(JOINTS, np.nan)}]
+)
 def test_settings_that_make_no_table_are_refused(settings):
     with pytest.raises(InvalidValue):
         table_of(random_candidates(np.random.default_rng(48), (2,)), **settings)

@@ -21,7 +21,7 @@ from optsc.robot.model import RobotModel
 
 LENGTH = 0.2
 """An error of one radian weighs as much as one of this many metres (W)."""
-DAMPING = 0.1
+DAMPING = 0.05
 FLOOR = 1e-10
 LONGEST_STEP = 1.0
 """Greatest change of a joint in one iteration [rad or m]."""

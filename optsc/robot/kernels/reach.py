@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +32,22 @@ class Reach:
     radius: float
     last: Array
 
-    def excludes(self, R_WT: Array, p_WT: Array) -> NDArray[np.bool_]:
-        """Tell for each pose (..., 3, 3), (..., 3) whether it is out of reach for certain.
+    def excludes(self, quaternion: Array, p_WT: Array) -> NDArray[np.bool_]:
+        """Tell for each pose of the tool (N, 4), (N, 3) whether it is out of reach for certain.
 
         Poses that are not excluded may be out of reach as well.
         """
-        return np.linalg.norm(R_WT @ self.last + p_WT - self.centre, axis=-1) > self.radius + MARGIN
+        w, v = quaternion[:, :1], quaternion[:, 1:]
+        # R u = (w² - v·v) u + 2 (v·u) v + 2 w v × u, for one u and many rotations.
+        turned = (2.0 * w * w - 1.0) * self.last + 2.0 * (v @ self.last)[:, None] * v + 2.0 * w * (v @ self._cross)
+        offset = turned + p_WT - self.centre
+        return np.einsum("ij,ij->i", offset, offset) > (self.radius + MARGIN) ** 2
+
+    @cached_property
+    def _cross(self) -> Array:
+        """The matrix for which v @ matrix is v × last."""
+        x, y, z = self.last
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def reach(robot: RobotModel) -> Reach:

@@ -1,0 +1,82 @@
+"""Every grasp of every object, placed in the world: what a selection chooses from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from optsc.errors import InvalidValue, Mismatch, UnknownName
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.grasps.grasp_set import GraspSet
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """N grasps in the world frame W, object by object.
+
+    Attributes:
+        object_names: names of the objects.
+        object_index: index into `object_names` (N,).
+        grasp_index: index into that object's `GraspSet` (N,).
+        X_WG: tool poses (N,).
+        opening: distance between the pads when they hold the object (N,) [m].
+        quality: (N,) in [0, 1], higher is better.
+        jaw_symmetric: whether a half turn about the tool's z axis gives the same grasp.
+    """
+
+    object_names: tuple[str, ...]
+    object_index: np.ndarray
+    grasp_index: np.ndarray
+    X_WG: Pose
+    opening: Array
+    quality: Array
+    jaw_symmetric: bool
+
+    def __post_init__(self) -> None:
+        for field, kind in (
+            ("object_index", np.int64),
+            ("grasp_index", np.int64),
+            ("opening", float),
+            ("quality", float),
+        ):
+            value = np.array(getattr(self, field), dtype=kind)
+            if value.shape != self.X_WG.shape or value.ndim != 1:
+                raise InvalidValue(
+                    f"shape of the candidates' {field}", value.shape, f"{self.X_WG.shape}, one axis"
+                )
+            value.flags.writeable = False
+            object.__setattr__(self, field, value)
+
+    def __len__(self) -> int:
+        return len(self.X_WG)
+
+
+def place(sets: Mapping[str, GraspSet], X_WO: Mapping[str, Pose]) -> Candidates:
+    """Return the grasps of the objects in ``X_WO``, in its order, each object's at its single pose.
+
+    Raises `UnknownName` for an object without grasps, `InvalidValue` for a batch of poses and `Mismatch`
+    where the sets were made for different grippers.
+    """
+    for name, pose in X_WO.items():
+        if name not in sets:
+            raise UnknownName("object with stored grasps", name, sets)
+        if pose.shape != ():
+            raise InvalidValue(f"batch shape of the pose of {name}", pose.shape, "(), a single pose")
+    chosen = [sets[name] for name in X_WO]
+    for other in chosen[1:]:
+        if other.gripper != chosen[0].gripper:
+            raise Mismatch(f"grasp set of {other.object_name}", other.gripper, chosen[0].gripper)
+    counts = [len(s) for s in chosen]
+    placed = [X_WO[s] @ g.X_OG for s, g in zip(X_WO, chosen, strict=True)]
+    return Candidates(
+        object_names=tuple(X_WO),
+        object_index=np.repeat(np.arange(len(chosen)), counts),
+        grasp_index=np.concatenate([np.zeros(0, dtype=np.int64), *map(np.arange, counts)]),
+        X_WG=Pose.concatenate([Pose.identity((0,)), *placed]),
+        opening=np.concatenate([np.zeros(0), *(s.opening for s in chosen)]),
+        quality=np.concatenate([np.zeros(0), *(s.quality for s in chosen)]),
+        jaw_symmetric=all(s.jaw_symmetric for s in chosen),
+    )

@@ -1,0 +1,59 @@
+"""Tool poses whose jaws close on two opposite points of a surface."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optsc.geometry import Pose, TriangleMesh, rotation
+from optsc.geometry.rotation import Array
+from optsc.grasps.rays import exits
+from optsc.grasps.settings import AntipodalSettings
+from optsc.robot.gripper import Gripper
+
+_POINTS = 300
+_ANGLES = 8  # approach directions per pair of contacts, evenly about the closing axis
+_DEPTH = 0.25  # the contacts lie within this share of the pad's length from its middle
+
+
+def propose(
+    mesh: TriangleMesh, gripper: Gripper, settings: AntipodalSettings, rng: np.random.Generator
+) -> Pose:
+    """Return poses X_OG (K,) of one round of antipodal sampling; nothing else about them is checked.
+
+    From random points of the surface, rays go inwards within the friction cone. Wherever one comes out again,
+    near enough for the jaws and within the friction cone there, is a second contact. Both together are tried
+    with approach directions all around the closing axis and at a random depth between the pads.
+    """
+    points, normals = mesh.sample(rng, _POINTS)
+    directions = within_cone(-normals, np.arctan(settings.friction), rng)
+    ray, width, far_normals = exits(mesh, points, directions, gripper.max_opening - 2 * settings.clearance)
+    antipodal = np.einsum("ci,ci->c", far_normals, directions[ray]) >= cone_cosine(settings.friction)
+    ray, width = ray[antipodal], width[antipodal]
+    y = np.repeat(directions[ray], _ANGLES, axis=0)
+    middle = np.repeat(points[ray] + 0.5 * width[:, None] * directions[ray], _ANGLES, axis=0)
+    turns = (np.tile(np.arange(_ANGLES), len(ray)) + np.repeat(rng.random(len(ray)), _ANGLES)) / _ANGLES
+    z = _around(y, 2 * np.pi * turns)
+    depth = _DEPTH * gripper.pad_size[1] * rng.uniform(-1.0, 1.0, len(z))
+    R = np.stack([np.cross(y, z), y, z], axis=-1)
+    return Pose(rotation.from_matrix(R), middle + depth[:, None] * z)
+
+
+def cone_cosine(friction: float) -> float:
+    """Return the cosine of the half angle of the friction cone, 1 / sqrt(1 + friction^2)."""
+    return float(1.0 / np.hypot(1.0, friction))
+
+
+def within_cone(axes: Array, half_angle: float, rng: np.random.Generator) -> Array:
+    """Return unit vectors (N, 3) within ``half_angle`` [rad] of unit vectors ``axes``, most of them near the axis."""
+    # Jaws that close far from a normal hold, but they turn the object first: half of all tilts are an eighth
+    # of the cone at most.
+    tilt, turn = half_angle * rng.random(len(axes)) ** 3, 2 * np.pi * rng.random(len(axes))
+    return np.cos(tilt)[:, None] * axes + np.sin(tilt)[:, None] * _around(axes, turn)
+
+
+def _around(axes: Array, angle: Array) -> Array:
+    """Return unit vectors (N, 3) perpendicular to unit vectors ``axes``, at ``angle`` [rad] about them."""
+    helper = np.eye(3)[np.argmin(np.abs(axes), axis=1)]
+    u = np.cross(axes, helper)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(axes, u)

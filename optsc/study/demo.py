@@ -1,0 +1,209 @@
+"""The demonstration: every object of a scene, grasped under both strategies, with numbers and the paper's picture."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optsc.control.modes import Mode
+from optsc.followers import PyBulletFollower
+from optsc.grasps import GraspLibrary, build_library
+from optsc.metrics import limit_violations
+from optsc.operators import Reach
+from optsc.records import Tick
+from optsc.robot import RobotModel
+from optsc.robot.cache import cache_directory
+from optsc.sim import Tabletop, tabletop
+from optsc.study.episode import STRATEGIES, Episode, Setting, Strategy, run_episode
+from optsc.viewers.figure import MANIPULABILITY_ONLY, PROPOSED, Curve, Situation, approach_figure, save_figure
+
+TAKE_OVER_AFTER = 1.2
+"""How long after the trigger the operator of the demonstration steps in, once [s]: in the middle of the approach."""
+LIBRARY_SEED = 0
+"""Libraries are stored and reused, so their seed is not the scene's."""
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Demo:
+    """Everything that the demonstration saw: the scene, and an episode per strategy and object."""
+
+    setting: Setting
+    episodes: Mapping[tuple[str, str], Episode]
+    intervened: str
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names of the objects, sorted."""
+        return tuple(sorted(self.setting.world.objects))
+
+
+def plans(object_names: Sequence[str]) -> dict[str, tuple[Reach, ...]]:
+    """Return the operator's plan for each object: straight to it, but for one where the mind changes on the way."""
+    names = sorted(object_names)
+    result: dict[str, tuple[Reach, ...]] = {name: (Reach(name),) for name in names}
+    if len(names) > 1:
+        result[names[1]] = (Reach(names[0], then_take_over_after=TAKE_OVER_AFTER), Reach(names[1]))
+    return result
+
+
+def load_or_build(world: Tabletop, directory: Path | None, say: Say) -> GraspLibrary:
+    """Return grasps of every object, stored below ``directory`` (the user's cache by default) and reused."""
+    shown: dict[str, int] = {}
+
+    def progress(name: str, done: int, total: int) -> None:
+        tenth = 10 * done // max(total, 1)
+        if tenth != shown.get(name):
+            shown[name] = tenth
+            say(f"  grasps of the {name}: {done} of {total}")
+
+    gripper = world.robot.gripper
+    if gripper is None:
+        raise ValueError("a tabletop's robot has a gripper")
+    return build_library(
+        {name: model.mesh for name, model in world.objects.items()},
+        gripper,
+        seed=LIBRARY_SEED,
+        directory=directory or cache_directory("grasps"),
+        progress=progress,
+    )
+
+
+def run_demo(
+    robot: RobotModel,
+    *,
+    objects: Sequence[str],
+    seed: int,
+    rate: float = 500.0,
+    library: Path | None = None,
+    gui: bool = False,
+    say: Say = print,
+    on_tick: Callable[[Tick], None] | None = None,
+) -> Demo:
+    """Run the scene of ``seed`` under both strategies and return what happened.
+
+    Raises:
+        UnknownName: no such object.
+        InvalidValue: the objects do not fit on the table, or an impossible rate.
+    """
+    world = tabletop(robot, objects=tuple(objects), seed=seed)
+    setting = Setting(world, load_or_build(world, library, say), seed, rate)
+    wishes = plans(objects)
+    episodes: dict[tuple[str, str], Episode] = {}
+    with PyBulletFollower(world, gui=gui) as follower:
+        for strategy in STRATEGIES:
+            for name, plan in wishes.items():
+                episode = run_episode(setting, strategy, plan, follower, on_tick)
+                episodes[strategy.name, name] = episode
+                say(f"  {strategy.label}: {name} {'lifted' if episode.lifted else 'not lifted'}")
+    intervened = next((name for name, plan in wishes.items() if len(plan) > 1), "")
+    return Demo(setting, episodes, intervened)
+
+
+def summary(demo: Demo) -> dict[str, Any]:
+    """Return what the demonstration measured, for machines: JSON values only."""
+    limits, rate = demo.setting.world.robot.limits, demo.setting.rate
+    runs = [episode.run for episode in demo.episodes.values()]
+    kinds = ("position", "velocity", "acceleration", "jerk")
+    violations = dict.fromkeys(kinds, 0)
+    for run in runs:
+        found = limit_violations(rate, run.q, run.v, run.a, **vars(limits))
+        for kind in kinds:
+            violations[kind] += getattr(found, kind)
+    elapsed = np.concatenate([[tick.elapsed for tick in run] for run in runs]) * 1e6
+    commands = hashlib.sha256(b"".join(run.commands.tobytes() for run in runs)).hexdigest()
+    return {
+        "robot": demo.setting.world.robot.name,
+        "seed": demo.setting.seed,
+        "rate_hz": rate,
+        "manipulability": str(demo.setting.manipulability),
+        "objects": {
+            name: {
+                "candidates": len(demo.setting.library[name].opening),
+                **{strategy.name: demo.episodes[strategy.name, name].measures() for strategy in STRATEGIES},
+            }
+            for name in demo.object_names
+        },
+        "limit_violations": violations,
+        "interventions": sum(_interventions(episode) for episode in demo.episodes.values()),
+        "ticks": sum(len(run) for run in runs),
+        "tick_p50_us": float(np.median(elapsed)),
+        "tick_p99_us": float(np.percentile(elapsed, 99)),
+        "commands_sha256": commands,
+    }
+
+
+def _interventions(episode: Episode) -> int:
+    modes = episode.run.modes
+    return sum(modes[i] is Mode.MANUAL and modes[i - 1].automatic for i in episode.run.switches())
+
+
+def table(demo: Demo) -> str:
+    """Return both strategies side by side, for people."""
+    rows = [("object", "strategy", "lifted", "path m", "turn rad", "time s", "SPARC", "LDLJ", "speed step m/s")]
+    for name in demo.object_names:
+        for strategy in STRATEGIES:
+            measures = demo.episodes[strategy.name, name].measures()
+            jump = measures["switch_jump"]
+            numbers = [measures[key] for key in ("path_length_m", "rotation_rad", "duration_s", "sparc", "ldlj")]
+            numbers.append(None if jump is None else jump["velocity_step"])
+            cells = ["-" if x is None else f"{x:.3f}" for x in numbers]
+            rows.append((name, strategy.name, "yes" if measures["lifted"] else "no", *cells))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
+
+
+def figure(demo: Demo) -> Any:
+    """Return the picture: the selected grasps at two poses of the hand, and the ways of the tool (matplotlib figure)."""
+    world = demo.setting.world
+    gripper = world.robot.gripper
+    if gripper is None:
+        raise ValueError("a tabletop's robot has a gripper")
+    shown = demo.intervened or demo.object_names[0]
+    paper = demo.episodes[STRATEGIES[0].name, shown]
+    starts = [i for i in paper.run.switches() if paper.run.modes[i] is Mode.APPROACH]
+    situations = [_situation(paper, i, f"Selected grasps, hand pose {k}") for k, i in enumerate(starts[:2], 1)]
+    curves = [
+        _curve(demo.episodes[strategy.name, shown], strategy, colour)
+        for strategy, colour in zip(STRATEGIES, (PROPOSED, MANIPULABILITY_ONLY), strict=True)
+    ]
+    return approach_figure(
+        {name: (model.mesh, world.X_WO[name]) for name, model in world.objects.items()},
+        gripper.boxes(gripper.max_opening),
+        situations or [_situation(paper, 0, "Start")],
+        curves,
+    )
+
+
+def _situation(episode: Episode, index: int, title: str) -> Situation:
+    ranking = episode.run[index].ranking
+    targets = [] if ranking is None else [ranking.target(name) for name in ranking.object_names]
+    grasps = {target.object_name: target.X_WG for target in targets if target is not None}
+    return Situation(title, episode.tool[index], grasps)
+
+
+def _curve(episode: Episode, strategy: Strategy, colour: str) -> Curve:
+    end = episode.arrival or len(episode.run)
+    automatic = np.array([mode.automatic for mode in episode.run.modes[:end]])
+    target = None if episode.switch is None else episode.run[episode.switch].step.target
+    return Curve(strategy.label, episode.tool.translation[:end], automatic, colour, None if target is None else target.X_WG)
+
+
+def save(demo: Demo, directory: Path) -> dict[str, Any]:
+    """Write ``summary.json``, ``approach.png`` and every run below ``directory``; return the summary."""
+    directory.mkdir(parents=True, exist_ok=True)
+    facts = summary(demo)
+    (directory / "summary.json").write_text(json.dumps(facts, indent=2) + "\n")
+    save_figure(figure(demo), directory / "approach.png")
+    runs = directory / "runs"
+    runs.mkdir(exist_ok=True)
+    for (strategy, name), episode in demo.episodes.items():
+        episode.run.save(runs / f"{strategy}_{name}.npz")
+    return facts
