@@ -131,7 +131,7 @@ class Closing:
     def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
         """Do one tick; see `Activity`."""
         self._ticks += 1
-        command = servo.track(self._p, self._q, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        command = servo.track(self._p, self._q)
         last, self._opening = self._opening, opening
         moved = last is None or abs(opening - last) > self.STILL_SPEED * servo.period
         self._still = 0 if moved else self._still + 1
@@ -148,4 +148,4 @@ class Standing:
 
     def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
         """Do one tick; see `Activity`."""
-        return Outcome(servo.track(self._p, self._q, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+        return Outcome(servo.track(self._p, self._q))

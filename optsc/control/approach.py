@@ -45,12 +45,14 @@ class Approach:
 
 
 class PathTarget(NamedTuple):
-    """Pose of T in W and its linear and angular velocity [m/s, rad/s]."""
+    """Pose of T in W, its linear and angular velocity [m/s, rad/s] and acceleration [m/s^2, rad/s^2]."""
 
     p: Vector
     q: Quaternion
     v: Vector
     w: Vector
+    a: Vector
+    b: Vector
 
 
 class StraightPath:
@@ -76,11 +78,14 @@ class StraightPath:
     def at(self, time: float) -> PathTarget:
         """Return the target at ``time`` [s] since the start."""
         point = self._law.at(time)
-        share, rate = point.s / self._law.length, point.rate / self._law.length
+        length = self._law.length
+        share, rate, change = point.s / length, point.rate / length, point.acceleration / length
         (x, y, z), (dx, dy, dz), (ax, ay, az) = self._p, self._shift, self._turn
         return PathTarget(
             (x + share * dx, y + share * dy, z + share * dz),
             scalar.multiply(scalar.exp((share * ax, share * ay, share * az)), self._q),
             (rate * dx, rate * dy, rate * dz),
             (rate * ax, rate * ay, rate * az),
+            (change * dx, change * dy, change * dz),
+            (change * ax, change * ay, change * az),
         )

@@ -22,7 +22,7 @@ from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.ik import DifferentialIK, IkSettings, make_solver
 from optsc.operators import prediction
-from optsc.operators.prediction import PredictionSettings, Track
+from optsc.operators.prediction import REST, PredictionSettings, Track
 from optsc.robot import RobotModel
 from optsc.robot.differential import reference_model
 from optsc.robot.kernels.kernel import build_kernel
@@ -205,7 +205,7 @@ class Servo:
         horizon = self.settings.prediction.horizon
         if elapsed <= horizon:
             return self.track(*prediction.predicted(track, elapsed), track.v, track.w)
-        return self.track(*prediction.predicted(track, horizon), prediction.REST, prediction.REST)
+        return self.track(*prediction.predicted(track, horizon))
 
     def observe(self, p: Vector, q: Quaternion, stamp: float) -> None:
         """Take in a target sampled at ``stamp`` [s]; finite and unit is the caller's promise."""
@@ -218,12 +218,14 @@ class Servo:
         """Drop the stream of targets: the next one starts a new track, at rest."""
         self._track = None
 
-    def track(self, p: Vector, q: Quaternion, v: Vector, w: Vector) -> Command:
-        """Move one tick towards a target pose with its linear and angular velocity in W, at the end of the tick."""
+    def track(
+        self, p: Vector, q: Quaternion, v: Vector = REST, w: Vector = REST, a: Vector = REST, b: Vector = REST
+    ) -> Command:
+        """Move one tick towards a target pose, with its velocities and accelerations in W, at the end of the tick."""
         if self._stopped:
             self._start()
         target, model = self._target, self._model
-        target[:] = (*p, *q, *v, *w)
+        target[:] = (*p, *q, *v, *w, *a, *b)
         model.run()
         reference, guard = self._reference, self.guard
         step = self.ik.solve(guard.q, reference[:7], self._next_reference[7:13], guard.lowest, guard.highest)

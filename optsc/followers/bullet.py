@@ -122,6 +122,8 @@ class PyBulletFollower:
         return q, 0.0 * q
 
     def __enter__(self) -> PyBulletFollower:
+        if self._physics is None:
+            raise Closed("follower")
         return self
 
     def __exit__(

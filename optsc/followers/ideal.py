@@ -77,6 +77,7 @@ class IdealFollower:
             raise Closed("follower")
 
     def __enter__(self) -> IdealFollower:
+        self._check_open()
         return self
 
     def __exit__(

@@ -15,7 +15,7 @@ import numpy as np
 
 from optsc.errors import InvalidValue
 from optsc.geometry import TriangleMesh
-from optsc.grasps.checks import Workpiece, concatenate, sound_grasps
+from optsc.grasps.checks import Sound, Workpiece, concatenate, sound_grasps
 from optsc.grasps.grasp_set import GraspSet
 from optsc.grasps.identity import METHOD, gripper_fingerprint
 from optsc.grasps.proposals import propose
@@ -59,7 +59,8 @@ def sample_grasps(
     rng = np.random.default_rng(seed)
     surface = sample_surface(mesh, settings.spacing, rng)
     work = Workpiece(surface, centre_of_mass(mesh), gripper, settings)
-    wanted, found, rounds = settings.pool * settings.count, 0, []
+    wanted, found = settings.pool * settings.count, 0
+    rounds: list[Sound] = []
     funnel: Counter[str] = Counter()
     while found < wanted and len(rounds) < settings.max_rounds:
         rounds.append(sound_grasps(work, propose(mesh, gripper, settings, rng), funnel))

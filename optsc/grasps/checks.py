@@ -11,14 +11,14 @@ import numpy as np
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.grasps.clearance import approach_boxes, closing_boxes, in_tool_frame, lowest_point, touched
-from optsc.grasps.contacts import DENT, pad_contacts
+from optsc.grasps.contacts import DENT, PadContacts, pad_contacts
 from optsc.grasps.proposals import cone_cosine
 from optsc.grasps.settings import AntipodalSettings
 from optsc.grasps.surface import Surface
 from optsc.robot.gripper import Gripper
 
 _COARSE = 8  # the first look is at every eighth point
-_CHUNK = 1_500_000  # points in tool frames held in memory at once
+_CHUNK = 30_000  # points in tool frames held in memory at once
 _CENTRED = 0.001  # [m] between the middle of the jaws and the middle of what they meet first
 _ROOM = 0.015  # [m] on either side of the object that earns full marks
 _COVERED = 0.5  # share of a pad that earns full marks
@@ -78,7 +78,7 @@ def grasp_quality(
 ) -> Array:
     """Return (a b c d)^(1/4), in [0, 1], higher is better; each factor is clipped to [0, 1].
 
-    a: how far inside the friction cone the pads' normals are, (alignment - k) / (1 - k) with the cone's cosine k.
+    a: how far inside the friction cone the normals are, (alignment - k) / (1 - k) with the cone's cosine k.
     b: share of a pad's area that carries load, coverage / 0.5.
     c: what gravity leaves of the hold, 1 - lever / (2 max_lever).
     d: room between an open jaw and the object, (spare / 2) / 15 mm.
@@ -101,7 +101,7 @@ def grasp_quality(
 
 
 def lever(X_OG: Pose, centre_of_mass: Array) -> Array:
-    """Return the lever (K,) [m] with which gravity turns an upright object about the closing axis through X_OG."""
+    """Return the lever (K,) [m] with which gravity turns an upright object about the closing axis."""
     arm, closing = centre_of_mass - X_OG.translation, X_OG.rotation_matrix()[:, :, 1]
     return np.abs(arm[:, 0] * closing[:, 1] - arm[:, 1] * closing[:, 0])  # (arm x z) . closing
 
@@ -110,23 +110,31 @@ def _check_at_all_points(work: Workpiece, X_OG: Pose, funnel: Counter[str]) -> S
     settings, gripper, margin = work.settings, work.gripper, work.settings.clearance
     points_T = in_tool_frame(X_OG, work.surface.points)
     pads = pad_contacts(points_T, work.surface, X_OG, gripper, settings.friction)
-    jaws_way = closing_boxes(gripper, pads.width + 2 * DENT)
-    checks = {
+    left = _narrow(funnel, {
         "meets the two contacts first": (abs(pads.offset) <= _CENTRED) & (pads.width > 0.0),
         "fits between the jaws": pads.width <= gripper.max_opening - 2 * margin,
-        "pads lie flat": (pads.coverage >= settings.min_coverage)
-        & (pads.alignment >= settings.min_alignment),
+        "pads lie flat": (pads.coverage >= settings.min_coverage) & (pads.alignment >= settings.min_alignment),
         "load near the pads' middle": pads.eccentricity <= settings.max_eccentricity,
+    })  # fmt: skip
+    X_OG, points_T = X_OG[left], points_T[:, left]
+    pads = PadContacts(*(values[left] for values in pads))
+    jaws_way = closing_boxes(gripper, pads.width + 2 * DENT)
+    left = _narrow(funnel, {
         "way in is free": ~touched(points_T, approach_boxes(gripper, settings.standoff), (margin,) * 3),
         "closing is free": ~touched(points_T, jaws_way, (DENT, 0.0, DENT)),
-    }
-    sound = np.ones(len(X_OG), dtype=bool)
+    })  # fmt: skip
+    spare, arm = gripper.max_opening - pads.width, lever(X_OG, work.centre_of_mass)
+    quality = grasp_quality(pads.alignment, pads.coverage, arm, spare, settings)
+    return Sound(X_OG[left], pads.width[left].astype(float), quality[left])
+
+
+def _narrow(funnel: Counter[str], checks: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the indices of what passes all checks, counting how many are left after each."""
+    left = np.ones(len(next(iter(checks.values()))), dtype=bool)
     for name, passes in checks.items():
-        sound &= passes
-        funnel[name] += int(sound.sum())
-    spare = gripper.max_opening - pads.width
-    quality = grasp_quality(pads.alignment, pads.coverage, lever(X_OG, work.centre_of_mass), spare, settings)
-    return Sound(X_OG[sound], pads.width[sound].astype(float), quality[sound])
+        left &= passes
+        funnel[name] += int(left.sum())
+    return np.nonzero(left)[0]
 
 
 def _reachable(work: Workpiece, X_OG: Pose, surface: Surface) -> np.ndarray:

@@ -25,8 +25,8 @@ class GraspSet:
         object_hash: `TriangleMesh.hash` of the surface that the grasps were made on.
         gripper: name of the gripper.
         X_OG: tool poses at the grasps (N,).
-        opening: distance between the pads when they hold the object (N,) [m]: the object's width there. The jaws
-            are fully open during the approach, `Gripper.max_opening`.
+        opening: distance between the pads when they hold the object (N,) [m]: the object's width there. The
+            jaws are fully open during the approach, `Gripper.max_opening`.
         quality: (N,) in [0, 1], higher is better.
         provenance: how the grasps came about; anything that JSON can hold.
         jaw_symmetric: whether a half turn about the tool's z axis gives the same grasp.

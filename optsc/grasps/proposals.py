@@ -44,7 +44,7 @@ def cone_cosine(friction: float) -> float:
 
 
 def within_cone(axes: Array, half_angle: float, rng: np.random.Generator) -> Array:
-    """Return unit vectors (N, 3) within ``half_angle`` [rad] of unit vectors ``axes``, most of them near the axis."""
+    """Return unit vectors (N, 3) within ``half_angle`` [rad] of unit vectors ``axes``, mostly near."""
     # Jaws that close far from a normal hold, but they turn the object first: half of all tilts are an eighth
     # of the cone at most.
     tilt, turn = half_angle * rng.random(len(axes)) ** 3, 2 * np.pi * rng.random(len(axes))

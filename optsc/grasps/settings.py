@@ -16,13 +16,13 @@ class AntipodalSettings:
         friction: Coulomb coefficient [-] whose cone both contacts have to lie in.
         standoff: length of the straight approach along the tool's z axis that has to be free [m].
         clearance: distance that the gripper keeps from the object until it closes [m].
-        table_clearance: distance that the gripper keeps from the table, the plane z = 0 of the object's frame [m].
+        table_clearance: distance that the gripper keeps from the table, z = 0 in the object's frame [m].
         lowest_elevation: smallest angle above the horizontal from which the hand may come [rad].
         min_coverage: share of each pad's area that has to carry load [-].
         max_eccentricity: greatest distance of the load's middle from the pad's middle, in half pad sizes [-].
         min_alignment: smallest cosine between the closing axis and the mean normal under a pad [-].
-        max_lever: greatest horizontal distance of the centre of mass from the vertical plane through the closing
-            axis [m]: gravity turns the object between the pads with this lever.
+        max_lever: greatest lever with which gravity may turn the object between the pads [m]: the distance of
+            its centre of mass from the vertical plane through the closing axis.
         spacing: mean distance of the surface points that all checks use [m].
         pool: sound grasps to gather for each one wanted, so that there is something to choose from.
         max_rounds: after so many rounds of sampling the pool is taken as it is.
@@ -45,6 +45,7 @@ class AntipodalSettings:
     def __post_init__(self) -> None:
         limits = {
             "lowest_elevation": 1.57,
+            "standoff": 1.0,
             "min_coverage": 1.0,
             "max_eccentricity": 1.0,
             "min_alignment": 1.0,

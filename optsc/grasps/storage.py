@@ -1,4 +1,4 @@
-"""One file per object: a NumPy archive (.npz) with the arrays, a JSON text that describes them, and a checksum.
+"""One file per object: a NumPy archive (.npz) of the arrays, a JSON text that describes them, a checksum.
 
 ==================  =====================================================================
 entry               content
@@ -41,7 +41,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
 def path_of(directory: str | Path, object_name: str) -> Path:
-    """Return the file that holds the grasps of an object; raise `InvalidValue` for a name that files cannot have."""
+    """Return the file for the grasps of an object; raise `InvalidValue` for a name no file should have."""
     if not _NAME.fullmatch(object_name):
         raise InvalidValue(
             "object name", object_name, "letters, digits, '_', '.', '-', not starting with a sign"
@@ -77,7 +77,7 @@ def save_set(grasps: GraspSet, directory: str | Path) -> Path:
 def load_set(path: str | Path) -> GraspSet:
     """Return the set in a file.
 
-    Raises `DamagedFile` for anything that is no intact grasp file, also one that holds impossible numbers, and
+    Raises `DamagedFile` for anything that is no intact grasp file, also for impossible numbers, and
     `InvalidValue` for an intact one from a later version of the library.
     """
     entries = _read(path)

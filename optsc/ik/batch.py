@@ -1,8 +1,9 @@
 """Global inverse kinematics for many poses at once.
 
-Every pose is first tried from its seed, so that the branch found is the one that the arm would be driven to. What is
-left starts again from postures that already hold the tool near the pose: the nearest of a table of random postures.
-Each round takes all poses that are left through one compiled loop (`optsc.robot.kernels.attempt`).
+Every pose is first tried from its seed, so that the branch found is the one that the arm would be driven to.
+What is left starts again from postures that already hold the tool near the pose: the nearest of a table of
+random postures. Each round takes all poses that are left through one compiled loop
+(`optsc.robot.kernels.attempt`).
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ STARTS_PER_TABLE = 8
 TURN_LENGTH = 0.4
 """In choosing starts, a turn of the tool by one radian weighs as much as this distance [m] of it."""
 JOINT_LENGTH = 0.1
-"""In choosing starts, a radian of joint distance from the seed weighs as much as this distance [m] of the tool."""
+"""In choosing starts, a joint one radian off the seed weighs as much as this distance [m] of the tool."""
 TOLERANCE = 1e-5
 """Greatest component of the pose error of a solution [m and rad], as in the protocol of TRAC-IK."""
 LIMIT_PROBES = 4
@@ -53,8 +54,8 @@ class IkSolutions(NamedTuple):
         q: (N, n), inside the limits; where there was no success, the posture of least residual that was met.
         success: (N,) bool: the residual is within tolerance.
         residual: (N,) largest component of the pose error (p* - p, log(R* Rᵀ)) at q [m and rad].
-        reason: (N,) text: empty on success; "out of reach": further away than the arm is long; "joint limits": only
-            postures outside the limits were found; "not found": none at all.
+        reason: (N,) text: empty on success; "out of reach": further away than the arm is long; "joint
+            limits": only postures outside the limits were found; "not found": none at all.
     """
 
     q: Array
@@ -71,12 +72,12 @@ class _Table:
     features: Array  # (M, 19 + n)
     half_square: Array  # (M,)
 
-    def nearest(self, features: Array) -> Array:
+    def nearest(self, features: Array) -> NDArray[np.intp]:
         """Return the indices (N, STARTS_PER_TABLE) of the nearest postures, nearest first."""
         blocks = [self._nearest(features[i : i + BLOCK]) for i in range(0, max(1, len(features)), BLOCK)]
         return np.concatenate(blocks)
 
-    def _nearest(self, features: Array) -> Array:
+    def _nearest(self, features: Array) -> NDArray[np.intp]:
         distance = self.half_square - features @ self.features.T
         row = np.arange(len(features))[:, None]
         first = np.argpartition(distance, STARTS_PER_TABLE, axis=1)[:, :STARTS_PER_TABLE]
@@ -86,7 +87,7 @@ class _Table:
 def _features(quaternion: Array, p: Array, q: Array) -> Array:
     """Return vectors (N, 19 + n) [m] whose distance is small where tools and postures are near.
 
-    Rotations enter as c cᵀ of their quaternions c, which has no sign; two of them are √2 sin(angle / 2) apart.
+    Rotations enter as c cᵀ of their quaternions c, which has no sign; two are √2 sin(angle / 2) apart.
     """
     c = quaternion * np.sqrt(np.sqrt(2.0) * TURN_LENGTH)
     square = (c[:, :, None] * c[:, None, :]).reshape(-1, 16)
@@ -136,7 +137,7 @@ class _Solver:
         return np.where(self.turns, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
 
     def unwound(self, q: Array, seeds: Array) -> Array:
-        """Return the same postures inside the limits, turning joints as near to the seeds as limits permit."""
+        """Return the same postures inside the limits, turning joints as near to the seeds as they permit."""
         lower, upper = self.limits.lower, self.limits.upper
         if not self.turns.any():
             return q
@@ -272,8 +273,8 @@ def solve_ik(
         X_WT: the poses, of any batch shape (N,); the results have the same.
         rng: draws further starts for the few poses that the fixed first table of starts does not solve; None
             stands for a generator of fixed seed.
-        seeds: posture(s) (n,) or (N, n) to start from, by default the robot's home; moved into the limits. A joint
-            that can make full turns ends within half a turn of its seed, as far as limits permit.
+        seeds: posture(s) (n,) or (N, n) to start from, by default the robot's home; moved into the limits. A
+            joint that can make full turns ends within half a turn of its seed, as far as limits permit.
         restarts: greatest number of attempts from other starts, for poses that their seeds do not solve.
         tolerance: greatest component of the pose error that counts as success [m and rad].
 

@@ -67,30 +67,32 @@ def _at_most(v: casadi.SX, length: casadi.SX) -> casadi.SX:
 def reference_model() -> casadi.Function:
     """Return one step of the third-order model that turns a stream of targets into a smooth reference.
 
-    Inputs: reference (19) = p, quaternion, v, w, dv/dt, dw/dt; target (13) = p, quaternion, v, w at the end of the
-    step; transition (3, 3), the exact step of error, rate and acceleration; largest errors (2) [m, rad], the distance
+    Inputs: reference (19) = p, quaternion, v, w, dv/dt, dw/dt; target (19), the same at the end of the step; transition (3, 3), the exact step of error, rate and acceleration; largest errors (2) [m, rad], the distance
     to the target that counts at most, which bounds the speed of catching up; period [s].
     Output: the next reference (19). All in W.
 
     The error obeys (d/dt + omega)^3 e = 0: critically damped, so it does not overshoot a resting target, and
-    without lag for a target of constant velocity.
+    without lag for a target of constant acceleration.
     """
-    r, t = casadi.SX.sym("reference", 19), casadi.SX.sym("target", 13)
+    r, t = casadi.SX.sym("reference", 19), casadi.SX.sym("target", 19)
     transition, largest = casadi.SX.sym("transition", 3, 3), casadi.SX.sym("largest", 2)
     period = casadi.SX.sym("period")
     p, q, v, w, a, b = r[0:3], r[3:7], r[7:10], r[10:13], r[13:16], r[16:19]
     target_p, target_q, target_v, target_w = t[0:3], t[3:7], t[7:10], t[10:13]
+    target_a, target_b = t[13:16], t[16:19]
     # Where the target was at the start of this step: the error then follows its own free motion.
-    e_p = p - (target_p - period * target_v)
-    e_r = _log(_multiply(q, _conjugate(_multiply(_exp(-period * target_w), target_q))))
+    e_p = p - (target_p - period * (target_v - 0.5 * period * target_a))
+    back = -period * (target_w - 0.5 * period * target_b)
+    e_r = _log(_multiply(q, _conjugate(_multiply(_exp(back), target_q))))
     e_p_near, e_r_near = _at_most(e_p, largest[0]), _at_most(e_r, largest[1])
-    linear = transition @ casadi.vertcat(e_p_near.T, (v - target_v).T, a.T)
-    angular = transition @ casadi.vertcat(e_r_near.T, (w - target_w).T, b.T)
+    linear = transition @ casadi.vertcat(e_p_near.T, (v - target_v + period * target_a).T, (a - target_a).T)
+    angular = transition @ casadi.vertcat(e_r_near.T, (w - target_w + period * target_b).T, (b - target_b).T)
     next_p = target_p + (e_p - e_p_near) + linear[0, :].T
     next_q = _multiply(_exp((e_r - e_r_near) + angular[0, :].T), target_q)
     next_q = next_q / casadi.sqrt(casadi.dot(next_q, next_q))
     next_v, next_w = target_v + linear[1, :].T, target_w + angular[1, :].T
-    step = casadi.vertcat(next_p, next_q, next_v, next_w, linear[2, :].T, angular[2, :].T)
+    next_a, next_b = target_a + linear[2, :].T, target_b + angular[2, :].T
+    step = casadi.vertcat(next_p, next_q, next_v, next_w, next_a, next_b)
     return casadi.Function("reference_model", [r, t, transition, largest, period], [casadi.densify(step)])
 
 

@@ -2,20 +2,23 @@
 
 With the singular values σ of the Jacobian J (the min(6, n) greatest), S is one of
 
-* ``yoshikawa``: the product of the σ, which is √det(J Jᵀ) for six joints or more; T. Yoshikawa, "Manipulability of
-  robotic mechanisms", IJRR 4(2), 1985. Its unit depends on the arm, so it compares postures of one arm;
+* ``yoshikawa``: the product of the σ, which is √det(J Jᵀ) for six joints or more; T. Yoshikawa,
+  "Manipulability of robotic mechanisms", IJRR 4(2), 1985. Its unit depends on the arm, so it compares
+  postures of one arm;
 * ``inverse_condition``: least over greatest σ, in [0, 1];
 * ``minimum_singular_value``: least σ [m].
 
-The latter two compare metres with radians, so the angular rows of J are multiplied by a length first. L is one of
+The latter two compare metres with radians, so the angular rows of J are multiplied by a length first. L is
+one of, with lower and upper limits l and u,
 
-* ``tsai``: (1 - exp(-k x)) / (1 - exp(-k)), x = Πᵢ 4 (qᵢ - lᵢ) (uᵢ - qᵢ) / (uᵢ - lᵢ)², one at the middle of all ranges;
-* ``tsai_raw``: 1 - exp(-k x), x without the factors of four, as in Simox and MoveIt; after M.-J. Tsai, PhD thesis,
-  Ohio State University, 1986;
+* ``tsai``: (1 - exp(-k x)) / (1 - exp(-k)), x = Πᵢ 4 (qᵢ - lᵢ) (uᵢ - qᵢ) / (uᵢ - lᵢ)²: 1 in the middle of all
+  ranges;
+* ``tsai_raw``: 1 - exp(-k x), x without the factors of four, as in Simox and MoveIt; after M.-J. Tsai, PhD
+  thesis, Ohio State University, 1986;
 * ``none``: 1.
 
-Joints without two limits take no part in L, and L = 0 at a limit and beyond. The choice matters: definitions prefer
-different grasps, so a record of results names it.
+Joints without two limits take no part in L, and L = 0 at a limit and beyond. The definitions prefer different
+grasps, so a record of results names the one it used.
 """
 
 from __future__ import annotations
@@ -68,13 +71,16 @@ class Manipulability:
 
     @classmethod
     def simox(cls) -> Manipulability:
-        """Return the definition that Simox has by default (N. Vahrenkamp et al., Humanoids 2012), limits included."""
+        """Return the default of Simox (Vahrenkamp et al., Humanoids 2012), with its penalty for limits."""
         return cls("inverse_condition", "tsai_raw", k=50.0, length=0.15)
 
     def evaluate(self, robot: RobotModel, q: ArrayLike) -> Array:
-        """Return M (...), zero or more, at postures ``q`` (..., n); raise `InvalidValue` on NaN or a wrong shape.
+        """Return M (...), zero or more, at postures ``q`` (..., n).
 
-        Least singular values come from eigenvalues of the Gram matrix, so they are good to 1e-8 of the greatest.
+        Least singular values are roots of eigenvalues of J Jᵀ, so they are good to 1e-8 of the greatest.
+
+        Raises:
+            InvalidValue: ``q`` is not finite or has a wrong shape.
         """
         q = robot.checked(q)
         rows = q.reshape(-1, robot.n)
@@ -89,10 +95,13 @@ class Manipulability:
         return M.reshape(q.shape[:-1])
 
     def gradient(self, robot: RobotModel, q: ArrayLike) -> Array:
-        """Return dM/dq (n,) at a posture ``q`` (n,); raise `InvalidValue` on NaN or a wrong shape.
+        """Return dM/dq (n,) at a posture ``q`` (n,).
 
-        M has kinks: at singularities, at the limits, and where two singular values cross. The slope to one side, or
-        a mean of such slopes, is returned there.
+        M has kinks: at singularities, at the limits, and where two singular values cross. There the result is
+        finite, and one of the slopes or between them.
+
+        Raises:
+            InvalidValue: ``q`` is not finite or has a wrong shape.
         """
         q = robot.checked(q)
         if q.ndim != 1:
@@ -104,7 +113,7 @@ class Manipulability:
         J, L, dL, _ = slopes(q, [self.k], np.zeros((6, robot.n)))
         U, sigma, Vt = np.linalg.svd(scale * J, full_matrices=False)
         S, weights = self._measure(sigma)
-        # dσᵢ = uᵢᵀ dJ vᵢ, so dS = ⟨G, dJ⟩ with G = U diag(∂S/∂σ) Vᵀ, the scale of the rows included.
+        # dσᵢ = uᵢᵀ dJ vᵢ, so dS = ⟨G, dJ⟩ with G = U diag(∂S/∂σ) Vᵀ; the scale of the rows goes into G.
         dS = slopes(q, [self.k], scale * ((U * weights) @ Vt))[3]
         return S * dL + L * dS
 
@@ -125,7 +134,7 @@ def _distance_to_limits(robot: RobotModel, kind: str, q: casadi.SX, k: casadi.SX
     if kind == "none":
         return casadi.SX(1)
     x = casadi.SX(1)
-    for i in np.flatnonzero(robot.limits.bounded):
+    for i in np.flatnonzero(robot.limits.bounded).tolist():
         lower, upper = robot.limits.lower[i], robot.limits.upper[i]
         # Each factor is cut off on its own: two joints beyond their limits must not make a positive product.
         x *= casadi.fmax(0, (q[i] - lower) * (upper - q[i])) / (upper - lower) ** 2
@@ -135,7 +144,7 @@ def _distance_to_limits(robot: RobotModel, kind: str, q: casadi.SX, k: casadi.SX
 
 
 def _product_of_singular_values(J: casadi.SX) -> casadi.SX:
-    """Return the product of the min(6, n) singular values: of the diagonal of a QR factorisation (Gram-Schmidt).
+    """Return the product of the min(6, n) singular values, by Gram-Schmidt.
 
     Against √det(J Jᵀ) this keeps its digits, and its derivatives, near singularities.
     """
@@ -150,17 +159,22 @@ def _product_of_singular_values(J: casadi.SX) -> casadi.SX:
     return product
 
 
+def _penalised_product(robot: RobotModel, kind: str) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
+    """Return the symbols q and k, and the expression of M with Yoshikawa's S."""
+    q, k = casadi.SX.sym("q", robot.n), casadi.SX.sym("k")
+    J = chain(robot, q)[2]
+    return q, k, _product_of_singular_values(J) * _distance_to_limits(robot, kind, q, k)
+
+
 @lru_cache(maxsize=32)
 def _products(robot: RobotModel, joint_limits: str) -> BatchKernel:
-    q, k = casadi.SX.sym("q", robot.n), casadi.SX.sym("k")
-    M = _product_of_singular_values(chain(robot, q)[2]) * _distance_to_limits(robot, joint_limits, q, k)
+    q, k, M = _penalised_product(robot, joint_limits)
     return build_batch_kernel(casadi.Function("yoshikawa", [q, k], [M]), LOOP, shared=1)
 
 
 @lru_cache(maxsize=32)
 def _product_slope(robot: RobotModel, joint_limits: str) -> Kernel:
-    q, k = casadi.SX.sym("q", robot.n), casadi.SX.sym("k")
-    M = _product_of_singular_values(chain(robot, q)[2]) * _distance_to_limits(robot, joint_limits, q, k)
+    q, k, M = _penalised_product(robot, joint_limits)
     slope = casadi.densify(casadi.gradient(M, q))
     return build_kernel(casadi.Function("yoshikawa_gradient", [q, k], [slope]))
 

@@ -140,9 +140,8 @@ class PoseDistance(GraspCost):
         w, *v = _left_conjugate(situation.quaternion) @ q
         squares = np.square(v)
         sine = np.sqrt(np.add.reduce(squares, axis=0))
-        # The rotation vector is v times angle / sine, and that ratio is 2 where the angle vanishes.
+        # The rotation vector is v times angle / sine; where the sine is zero, so is v.
         ratio = 2.0 * np.arctan2(sine, np.abs(w)) / np.maximum(sine, 1e-300)
-        ratio[sine < 1e-12] = 2.0
         weights = self.length**2 * np.array(self.rotation)
         total = np.array(self.position) @ np.square(p) + (weights @ squares) * np.square(ratio)
         return total.reshape(shape)

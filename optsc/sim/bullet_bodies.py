@@ -5,6 +5,8 @@ Numbers go into PyBullet as floats and lists: several of its functions crash on 
 
 from __future__ import annotations
 
+import os
+import sys
 import tempfile
 import zlib
 from collections.abc import Iterable
@@ -16,6 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pybullet
 
+from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
@@ -67,7 +70,7 @@ def inertia(mesh: TriangleMesh, mass: float) -> Inertia:
 
 
 def shrunk(part: TriangleMesh, margin: float = MARGIN) -> TriangleMesh:
-    """Return a convex ``part`` with every face moved inwards by ``margin`` [m], or as it is if too thin for that.
+    """Return a convex ``part`` with every face moved inwards by ``margin`` [m], or as it is if too thin.
 
     PyBullet rounds it outwards by as much, to its size again: objects then neither float above the table nor
     are wider in the hand than they look.
@@ -103,6 +106,21 @@ def wavefront(parts: Iterable[TriangleMesh]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def connect(gui: bool = False) -> int:
+    """Start a simulation of its own, with a window if ``gui``; return PyBullet's number of it.
+
+    Raises:
+        InvalidValue: a window where there is no display, or more simulations than PyBullet can have at a time.
+    """
+    if gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        # PyBullet would end the process.
+        raise InvalidValue("gui", gui, "False where there is no display (DISPLAY is not set)")
+    client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
+    if client < 0:
+        raise InvalidValue("PyBullet client", client, "at least 0: close simulations that are no longer used")
+    return client
+
+
 def bullet_pose(X: Pose) -> tuple[list[float], list[float]]:
     """Return the position and the quaternion (x, y, z, w) that PyBullet takes."""
     return X.translation.tolist(), np.roll(X.quaternion, -1).tolist()
@@ -121,8 +139,8 @@ def _collision_text(model: ObjectModel) -> str:
 def add_object(client: int, model: ObjectModel, X_WO: Pose, *, visible: bool = False) -> int:
     """Put an object into the simulation ``client`` and return its body.
 
-    It is touched as its convex pieces and, if ``visible``, looked at as its exact surface. PyBullet reports the
-    pose of the principal frame M of its mass, see `inertia`, not of O.
+    It is touched as its convex pieces and, if ``visible``, looked at as its exact surface. PyBullet reports
+    the pose of the principal frame M of its mass, see `inertia`, not of O.
     """
     mass_frame = inertia(model.mesh, model.mass)
     # Meshes are kept by file name otherwise, and a later object may be given the name of an earlier one.
@@ -199,9 +217,9 @@ def add_table(client: int, *, floor: bool = True) -> tuple[int, ...]:
 def add_robot(client: int, robot: RobotModel, *, visible: bool = False) -> int:
     """Put an arm with its base frame at W into the simulation ``client`` and return its body.
 
-    What it looks like is read only if ``visible``: that takes a hundred times as long as all the rest. Masses and
-    inertias are the description's own. The order of links is left to PyBullet: to keep the file's corrupts
-    memory where the root comes last.
+    What it looks like is read only if ``visible``: that takes a hundred times as long as all the rest.
+    Masses and inertias are the description's own. The order of links is left to PyBullet: to keep the file's
+    corrupts memory where the root comes last.
     """
     root = read_urdf(robot.urdf)
     for link in root.findall("link"):

@@ -79,7 +79,7 @@ class TrialOutcome(NamedTuple):
     lifted: np.ndarray
     """(N,) bool: at the end in contact with both pads, up, and not slipped by more than allowed."""
     moved_before_closing: Array
-    """Way of the object's origin during the approach (N,) [m]: more than a little means that the hand bumped it."""
+    """Way of the object's origin during the approach (N,) [m]: a lot means that the hand bumped it."""
     moved_by_closing: Array
     """Way of the object's origin while the jaws closed (N,) [m]."""
     slip: Array
@@ -121,7 +121,7 @@ def hand_description() -> tuple[Path, Pose]:
     tool = next(e for e in elements if e.tag == "joint" and e.find("child").get("link") == _TOOL)  # type: ignore[union-attr]
     X_HT = Pose.from_translation([float(v) for v in tool.find("origin").get("xyz", "").split()])  # type: ignore[union-attr]
     for element in elements:
-        # The hand is moved by a constraint on its centre of mass; with that at the link's origin the two agree.
+        # A constraint moves the hand by its centre of mass: put that at the link's origin.
         origin = element.find("inertial/origin") if element.get("name") == _HAND else None
         if origin is not None:
             origin.set("xyz", "0 0 0")
@@ -179,7 +179,7 @@ class _Bench:
         self._jaws(0.0, _SQUEEZE)
         self._wait(X_WG, _PAUSE)
         closed, held = self._body_pose(), self._in_hand()
-        up = Pose(X_WG.quaternion, X_WG.translation + [0.0, 0.0, settings.lift])
+        up = Pose(X_WG.quaternion, X_WG.translation + np.array([0.0, 0.0, settings.lift]))
         self._move(X_WG, up, settings.lift / settings.speed)
         self._shake(up)
         end = self._in_hand()
@@ -205,7 +205,7 @@ class _Bench:
                 self._hand, finger, lateralFriction=1.0, spinningFriction=self._settings.pad_torsion, **client
             )
         nowhere = [0.0, 0.0, 0.0]
-        # The jaws are coupled in the real hand. A soft coupling (erp 0.1) lets the object drift sideways by 5 mm.
+        # The hand's jaws are coupled. A soft gear (erp 0.1) lets them drift sideways together by 5 mm.
         gear = pybullet.createConstraint(
             self._hand, self._fingers[0], self._hand, self._fingers[1],
             pybullet.JOINT_GEAR, [0.0, 1.0, 0.0], nowhere, nowhere, **client,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Sequence
 from types import TracebackType
 
@@ -35,11 +33,8 @@ class Physics:
     def __init__(
         self, world: Tabletop, *, gui: bool = False, settings: PhysicsSettings | None = None
     ) -> None:
-        if gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-            # PyBullet would end the process.
-            raise InvalidValue("gui", gui, "False where there is no display (DISPLAY is not set)")
         self.world, self.settings, self._gui = world, settings or PhysicsSettings(), gui
-        self._client: int | None = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
+        self._client: int | None = bullet_bodies.connect(gui)
         try:
             if gui:
                 self._arrange_window()
@@ -102,7 +97,9 @@ class Physics:
         posture = robot.checked(q)
         if posture.ndim != 1:
             raise InvalidValue("q", posture.tolist(), f"finite, shape ({robot.n},) [rad]")
+        pybullet.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 0, physicsClientId=self.client)
         self._build()
+        pybullet.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 1, physicsClientId=self.client)
         self._arm.place(posture.tolist(), robot.gripper.max_opening if robot.gripper else 0.0)
         self._steps = 0
 
@@ -173,6 +170,7 @@ class Physics:
                 pybullet.disconnect(physicsClientId=client)
 
     def __enter__(self) -> Physics:
+        self._check_open()
         return self
 
     def __exit__(

@@ -54,7 +54,7 @@ class Renderer:
 
     def __init__(self, world: Tabletop) -> None:
         self.world = world
-        self._client: int | None = pybullet.connect(pybullet.DIRECT)
+        self._client: int | None = bullet_bodies.connect()
         try:
             bullet_bodies.add_table(self._client, floor=False)
             self._arm = Arm(self._client, world.robot, PhysicsSettings(), visible=True)

@@ -31,8 +31,8 @@ class PhysicsSettings:
         position_gain: share of a position error that an arm joint takes back in one step [-].
         jaw_force: greatest force of each jaw [N].
         jaw_speed: greatest rate of the opening [m/s]; each jaw moves at half of it.
-        finger_friction: Coulomb coefficient of the pads [-]. PyBullet multiplies the two bodies' coefficients,
-            so that one leaves the object's own in force.
+        finger_friction: Coulomb coefficient of the pads [-]. PyBullet multiplies two bodies' coefficients, so
+            that one leaves the object's own in force.
         pad_torsion: radius [m] at which a pad's friction resists turning about its normal: 2 r / 3 for an
             evenly loaded disc of radius r, and a Panda's pad has the area of a disc of 10 mm. Without it two
             hard pads are an axle, and almost every object turns out of its grasp.

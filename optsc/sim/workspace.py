@@ -1,7 +1,7 @@
 """Where on the table an arm grasps comfortably, found from its kinematics alone.
 
-A share of the arm's reach would be simpler, but the region depends on more than the arm's length: with its elbow
-held at 120 degrees the iiwa cannot grasp at half its reach, where the Panda grasps best.
+A share of the arm's reach would be simpler, but the region depends on more than the arm's length: the iiwa,
+whose elbow bends to 120 degrees only, cannot grasp at half its reach, where the Panda grasps best.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from selection_cases import (
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
-from optsc.selection import GraspSelector, refresh
+from optsc.selection import GraspSelector, JointTravel, WeightedSum, refresh
 
 Q = np.linspace(-1.0, 1.0, JOINTS)
 
@@ -182,6 +182,19 @@ def test_within_the_refresh_angle_nothing_is_solved_again():
     assert not solve.calls
     selector.rank(hand, np.full(JOINTS, 0.11))
     assert len(solve.calls) == 2
+
+
+def test_costs_of_the_posture_follow_the_rows_that_were_solved_again():
+    rng = np.random.default_rng(55)
+    rule = WeightedSum(((JointTravel(), 1.0),))
+    selector = GraspSelector(ROBOT, rule, SmoothMeasure(), solve=solve_all)
+    selector.observe(random_candidates(rng, (4,), jaw_symmetric=False), np.zeros(JOINTS))
+    selector.rank(random_hand(rng), np.zeros(JOINTS))
+    q = np.full(JOINTS, 30.0)
+    ranking = selector.rank(random_hand(rng), q)
+    travel = np.abs(selector.table.q_grasp[:, 0] - q).max(axis=1)
+    assert np.array_equal(ranking.total, travel)
+    assert np.array_equal(selector.table.seed[:, 0], np.tile(q, (4, 1)))
 
 
 def test_a_finalist_that_is_no_longer_reached_gives_way_to_the_next():

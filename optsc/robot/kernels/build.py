@@ -1,8 +1,8 @@
 """From generated C to a shared library in the per-user cache.
 
-A library's file name carries the hash of everything that determines it (source, compiler, flags) and the hash of
-its own content. One file is one fact: it is moved into place whole, so two processes may build the same one at once,
-and a truncated one is recognised before it is loaded and built anew.
+A library's file name carries the hash of everything that determines it (source, compiler, flags) and the hash
+of its own content. It is moved into place whole, so two processes may build the same one at once; a damaged
+one is recognised before it is loaded, and built anew.
 """
 
 from __future__ import annotations
@@ -13,15 +13,19 @@ import platform
 import shlex
 import shutil
 import subprocess
+import sysconfig
 import tempfile
 import warnings
 from functools import lru_cache
 from pathlib import Path
 
+import casadi
+
+from optsc.errors import InvalidValue
 from optsc.robot.cache import cache_directory, write_atomically
 
 FLAGS = ("-O2", "-fPIC", "-shared", "-fno-math-errno", "-w")
-"""No instruction set beyond the platform's base, because caches are shared between machines; IEEE arithmetic."""
+"""Only the platform's base instructions, because machines may share a cache; IEEE arithmetic."""
 
 TIME_LIMIT = 300.0
 """Seconds after which a compiler counts as broken."""
@@ -30,31 +34,36 @@ TIME_LIMIT = 300.0
 def compiler() -> str | None:
     """Return the command of the C compiler that kernels are built with, or None where they run interpreted.
 
-    ``OPTSC_COMPILER`` in the environment names one, or is ``none``; otherwise ``CC``, then cc, gcc and clang are
-    looked for.
+    ``OPTSC_COMPILER`` in the environment names one, or is ``none``; otherwise it is the first there is of
+    ``CC``, cc, gcc and clang.
+
+    Raises:
+        InvalidValue: ``OPTSC_COMPILER`` names one that does not run.
     """
     wanted = os.environ.get("OPTSC_COMPILER", "").strip()
     if wanted.lower() == "none":
         return None
-    for command in (wanted,) if wanted else (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        words = shlex.split(command)
-        if words and shutil.which(words[0]):
-            return command
-    return None
+    if wanted and _version(wanted) is None:
+        raise InvalidValue("OPTSC_COMPILER", wanted, "a C compiler that runs, or none")
+    candidates = (wanted,) if wanted else (os.environ.get("CC", ""), "cc", "gcc", "clang")
+    return next((command for command in candidates if _version(command) is not None), None)
 
 
 @lru_cache(maxsize=8)
-def compiler_version(command: str) -> str | None:
-    """Return the first line of what ``command --version`` says, or None when it does not run."""
+def _version(command: str) -> str | None:
+    """Return the first line of what ``command --version`` says, or None when there is no such compiler."""
+    words = shlex.split(command)
+    if not words or shutil.which(words[0]) is None:
+        return None
     try:
-        done = subprocess.run([*shlex.split(command), "--version"], capture_output=True, text=True, timeout=30)
+        done = subprocess.run([*words, "--version"], capture_output=True, text=True, timeout=30)
     except (OSError, subprocess.TimeoutExpired):
         return None
     return done.stdout.partition("\n")[0] if done.returncode == 0 else None
 
 
 def _compile(command: str, source: str) -> bytes | None:
-    """Return the content of the shared library made of ``source``, or None, with a warning, when that fails."""
+    """Return the content of the shared library made of ``source``; None, with a warning, on failure."""
     with tempfile.TemporaryDirectory(prefix="optsc-kernel-") as folder:
         Path(folder, "kernel.c").write_text(source)
         # Relative names and the folder as working directory: the same source gives the same bytes.
@@ -66,12 +75,14 @@ def _compile(command: str, source: str) -> bytes | None:
             reason = done.stderr.strip()[-500:]
         except (OSError, subprocess.TimeoutExpired) as error:
             reason = str(error)
-    warnings.warn(f"{command} cannot build a kernel, which runs interpreted: {reason}", RuntimeWarning, stacklevel=4)
+    warnings.warn(
+        f"{command} cannot build a kernel, which runs interpreted: {reason}", RuntimeWarning, stacklevel=4
+    )
     return None
 
 
 def _sound(path: Path, digest: str) -> bool:
-    """Tell whether a library is ours and holds what its name says: loading anything else could end the process."""
+    """Tell whether a library is this user's own and whole: loading any other could end the process."""
     try:
         content = path.read_bytes()
         return path.stat().st_uid == os.getuid() and hashlib.sha256(content).hexdigest().startswith(digest)
@@ -82,13 +93,16 @@ def _sound(path: Path, digest: str) -> bool:
 def shared_library(name: str, source: str) -> Path | None:
     """Return the path of the shared library of C code ``source``, built unless it is in the cache already.
 
-    None means that there is no working compiler; a compiler that fails warns with what it said.
+    None means that there is no compiler, or that it failed, in which case a warning tells what it said.
+
+    Raises:
+        InvalidValue: the environment asks for a compiler that does not run.
     """
     command = compiler()
-    version = compiler_version(command) if command else None
-    if command is None or version is None:
+    if command is None:
         return None
-    recipe = "\0".join((source, command, version, " ".join(FLAGS), platform.platform(), platform.machine()))
+    system = (sysconfig.get_platform(), *platform.libc_ver(), casadi.__version__)
+    recipe = "\0".join((source, command, str(_version(command)), *FLAGS, *system))
     key = hashlib.sha256(recipe.encode()).hexdigest()[:24]
     folder = cache_directory("kernels")
     for path in sorted(folder.glob(f"{name}-{key}-*.so")):

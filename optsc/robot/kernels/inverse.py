@@ -1,13 +1,13 @@
-"""Global inverse kinematics as one CasADi function: many poses, each from its own start, all iterations inside.
+"""An attempt to solve the inverse kinematics as one CasADi function, all iterations inside.
 
-An iteration is a Levenberg-Marquardt step. With the pose error e = (p* - p, log(R* Rᵀ)), weights W, and the Jacobian
-J without the columns of joints that stand at a limit and are pushed outward,
+An iteration is a Levenberg-Marquardt step. With the pose error e = (p* - p, log(R* Rᵀ)), weights W, and the
+Jacobian J without the columns of joints that stand at a limit and are pushed outward,
 
     dq = Jᵀ (J Jᵀ + λ W⁻¹)⁻¹ e,    λ = DAMPING eᵀ W e + FLOOR,
 
-which is the damping of T. Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method",
-IEEE T-RO 27(5), 2011: it fades with the error, so that convergence is quadratic, and needs no acceptance test. The
-step is shortened to `LONGEST_STEP` and projected onto the limits.
+which is the damping of T. Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt
+method", IEEE T-RO 27(5), 2011: it fades with the error, so that convergence is quadratic, and needs no
+acceptance test. The step is shortened to `LONGEST_STEP` and projected onto the limits.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ FLOOR = 1e-10
 LONGEST_STEP = 1.0
 """Greatest change of a joint in one iteration [rad or m]."""
 FALL, PATIENCE = 0.9, 4
-"""An attempt is given up when eᵀ W e does not fall below FALL times its best for more than PATIENCE iterations: a new
-start is worth more than patience."""
+"""An attempt is given up when eᵀ W e does not fall below FALL times its best for more than PATIENCE
+iterations: a new start is worth more than patience."""
 ITERATIONS = 40
 """Greatest number of iterations of an attempt; a multiple of _BLOCK."""
 _BLOCK = 10
@@ -41,7 +41,7 @@ STATE_ROWS = 5
 
 @dataclass
 class _State:
-    """The rows of an attempt's state: q (n,), status, least cost, iterations without a fall, iterations, residual."""
+    """The rows of an attempt's state, see `attempt`."""
 
     q: casadi.SX
     status: casadi.SX
@@ -61,8 +61,8 @@ class _State:
 def rotation_vector(D: casadi.SX) -> casadi.SX:
     """Return the rotation vector (3,) [rad], at most π long, of a rotation matrix.
 
-    At half a turn D - Dᵀ vanishes, and with it what it says about the axis: the length is right there, and the
-    direction x.
+    At half a turn D - Dᵀ vanishes, and with it what it says about the axis: the length is right there, and
+    the axis is x.
     """
     v = 0.5 * casadi.vertcat(D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1])
     sine, cosine = casadi.sqrt(casadi.dot(v, v)), 0.5 * (casadi.trace(D) - 1)
@@ -86,7 +86,7 @@ def rotation_matrix(quaternion: casadi.SX) -> casadi.SX:
 
 
 def _free(q: casadi.SX, gradient: casadi.SX, lower: casadi.SX, upper: casadi.SX) -> casadi.SX:
-    """Return 1 for each joint that may move, 0 where the gradient pushes it against a limit that it stands at."""
+    """Return 1 for each joint that may move, 0 for one that stands at a limit and is pushed against it."""
     at_lower = casadi.logic_and(q <= lower, gradient < 0)
     at_upper = casadi.logic_and(q >= upper, gradient > 0)
     return casadi.if_else(casadi.logic_or(at_lower, at_upper), 0, 1)
@@ -115,7 +115,7 @@ def iteration(robot: RobotModel) -> casadi.Function:
     state = _State.unpack(rows, n)
     R, p, J = chain(robot, state.q)
     error = casadi.vertcat(target[4:7] - p, rotation_vector(rotation_matrix(target[:4]) @ R.T))
-    inverse_weights = casadi.DM([1.0] * 3 + [LENGTH**-2] * 3)
+    inverse_weights = casadi.SX([1.0] * 3 + [LENGTH**-2] * 3)
     weighted = error / inverse_weights
     cost = casadi.dot(error, weighted)
     free = _free(state.q, J.T @ weighted, lower, upper)
@@ -141,7 +141,7 @@ def iteration(robot: RobotModel) -> casadi.Function:
 
 
 def _repeat_while_running(step: casadi.Function, times: int, n: int, name: str) -> casadi.Function:
-    """Return the function that applies ``step`` up to ``times`` times, skipping what is left once it has ended."""
+    """Return the function that applies ``step`` ``times`` times, or until the attempt has ended."""
     arguments = [casadi.MX.sym(step.name_in(i), step.sparsity_in(i)) for i in range(step.n_in())]
     state, *others = arguments
     unchanged = casadi.Function(f"{name}_unchanged", arguments, [state])
@@ -154,9 +154,9 @@ def _repeat_while_running(step: casadi.Function, times: int, n: int, name: str) 
 def attempt(robot: RobotModel) -> casadi.Function:
     """Return the function (state, target, limits) -> state of one attempt, from its start to its end.
 
-    * state (n + STATE_ROWS), in and out: posture; status (`IDLE`, `RUNNING`, `SOLVED`, `GIVEN_UP`); least cost so
-      far, infinite at the start; iterations since it last fell; iterations; and the residual: the largest component
-      of the pose error [m or rad] at the posture. Starts must lie inside the limits.
+    * state (n + STATE_ROWS), in and out: posture; status (`IDLE`, `RUNNING`, `SOLVED`, `GIVEN_UP`); least
+      cost so far, infinite at the start; iterations since it last fell; iterations; and the residual: the
+      largest component of the pose error [m or rad] at the posture. Starts must lie inside the limits.
     * target (8): unit quaternion w, x, y, z, position [m], tolerance of the residual.
     * limits (2 n): lower, then upper positions, infinite where there are none.
     """

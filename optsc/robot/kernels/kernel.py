@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import casadi
 import numpy as np
@@ -17,9 +19,9 @@ from optsc.robot.kernels.build import shared_library
 class Kernel:
     """A function of arrays that runs without allocating.
 
-    Fill `inputs`, call `run`, read `outputs`; or call the kernel itself, which copies and may be used from several
-    threads at once. Buffers have CasADi's column-major layout: a matrix (r, c) is a Fortran-ordered array, a column
-    is one-dimensional.
+    Fill `inputs`, call `run`, read `outputs`; or call the kernel itself, which copies and may be used from
+    several threads at once. Buffers have CasADi's column-major layout: a matrix (r, c) is a Fortran-ordered
+    array, a column is one-dimensional.
 
     Attributes:
         function: what is evaluated.
@@ -37,11 +39,13 @@ class Kernel:
         self.inputs = tuple(_allocated(function.sparsity_in(i)) for i in range(function.n_in()))
         self.outputs = tuple(_allocated(function.sparsity_out(i)) for i in range(function.n_out()))
         # The evaluator keeps the addresses of the buffers, so it lives and dies with them.
-        self._buffer, self.run = function.buffer()
+        bound: Any
+        bound, self.run = function.buffer()
+        self._buffer = bound
         for i, array in enumerate(self.inputs):
-            self._buffer.set_arg(i, memoryview(array.reshape(-1, order="F")))
+            bound.set_arg(i, array.reshape(-1, order="F").data)
         for i, array in enumerate(self.outputs):
-            self._buffer.set_res(i, memoryview(array.reshape(-1, order="F")))
+            bound.set_res(i, array.reshape(-1, order="F").data)
         self._lock = threading.Lock()
 
     @property
@@ -61,7 +65,9 @@ class Kernel:
         values = [np.asarray(array, dtype=float) for array in arrays]
         for i, (buffer, value) in enumerate(zip(self.inputs, values, strict=True)):
             if buffer.shape != value.shape:
-                raise InvalidValue(f"shape of input {self.function.name_in(i)}", value.shape, str(buffer.shape))
+                raise InvalidValue(
+                    f"shape of input {self.function.name_in(i)}", value.shape, str(buffer.shape)
+                )
         with self._lock:
             for buffer, value in zip(self.inputs, values, strict=True):
                 buffer[...] = value
@@ -72,8 +78,8 @@ class Kernel:
 class BatchKernel:
     """A function applied to many items by one compiled loop; may be used from several threads at once.
 
-    The number of items is free: they are taken through the loop `size` at a time, the last time with zeros for
-    those that are missing.
+    The number of items is free: they are taken through the loop `size` at a time, the last time with zeros in
+    place of those that are missing.
     """
 
     def __init__(self, kernel: Kernel, size: int, shared: int) -> None:
@@ -127,9 +133,9 @@ def _rows(buffer: Array, size: int) -> Array:
 def build_kernel(function: casadi.Function) -> Kernel:
     """Return a kernel for a function with dense inputs and outputs, compiled if possible.
 
-    The first build of a function takes up to a second or two, later ones milliseconds: libraries are kept in the
-    per-user cache. Without a compiler CasADi's virtual machine evaluates the same operations; results agree to
-    rounding.
+    The first build of a function takes up to a second or so, later ones milliseconds: libraries are kept in
+    the per-user cache. Without a compiler CasADi's virtual machine evaluates the same operations, and results
+    agree to rounding.
 
     Raises:
         InvalidValue: an input or output is sparse.
@@ -139,7 +145,13 @@ def build_kernel(function: casadi.Function) -> Kernel:
     library = shared_library(function.name(), generator.dump())
     if library is None:
         return Kernel(function, compiled=False)
-    return Kernel(casadi.external(function.name(), str(library)), compiled=True)
+    try:
+        return Kernel(casadi.external(function.name(), str(library)), compiled=True)
+    except RuntimeError as error:
+        warnings.warn(
+            f"{library} cannot be loaded, so {function.name()} runs interpreted: {error}", stacklevel=2
+        )
+        return Kernel(function, compiled=False)
 
 
 def build_batch_kernel(function: casadi.Function, size: int, shared: int = 0) -> BatchKernel:

@@ -1,7 +1,7 @@
 """Forward kinematics and Jacobian of an arm as CasADi functions, built from the model's joint placements.
 
-The Python binding of pinocchio carries no symbolic kinematics, so the chain is written out once more here; a test
-holds both equal. Coordinates of the chain: p is where a joint's frame is, R how it is turned, both in W.
+pinocchio's wheel carries no symbolic kinematics, so the chain is written out once more here; a test holds
+both equal.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from optsc.geometry.rotation import Array
 from optsc.robot.model import RobotModel
 
 ROUNDING = 1e-15
-"""Entries of placements below this are rounding of sines of right angles; without them the code is much shorter."""
+"""Entries of placements this near to 0 or 1 come from rounded right angles; exact ones make the code
+shorter."""
 
 
 def _constant(array: Array) -> casadi.SX:
@@ -68,7 +69,9 @@ def chain(robot: RobotModel, q: casadi.SX) -> tuple[casadi.SX, casadi.SX, casadi
     tip = model.frames[robot.tip_id].placement
     p, R = p + R @ _constant(tip.translation), R @ _constant(tip.rotation)
     columns = [
-        casadi.vertcat(axis, casadi.SX(3, 1)) if slides else casadi.vertcat(casadi.cross(axis, p - origin), axis)
+        casadi.vertcat(axis, casadi.SX(3, 1))
+        if slides
+        else casadi.vertcat(casadi.cross(axis, p - origin), axis)
         for axis, origin, slides in axes
     ]
     return casadi.densify(R), casadi.densify(p), casadi.densify(casadi.horzcat(*columns))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -16,7 +16,7 @@ Parts = list[TriangleMesh]
 
 
 def _banana() -> Parts:
-    """Lie on one side: a bent, tapering tube whose lowest facet is flat on the table along its whole length."""
+    """Lie on one side: a bent, tapering tube that touches the table along its whole length."""
     sides, bend, radius_of_bend = 16, np.radians(110.0), 0.085
     s = np.linspace(-1.0, 1.0, 15)
     stem = np.where(s > 0.8, 0.0065, 0.0075)
@@ -90,7 +90,7 @@ _BUILDERS: dict[str, tuple[Callable[[], Parts], float, float]] = {  # name: piec
 OBJECT_NAMES: tuple[str, ...] = tuple(sorted(_BUILDERS))
 
 
-@lru_cache(maxsize=None)
+@cache
 def object_model(name: str) -> ObjectModel:
     """Return the object of that ``name``, one of `OBJECT_NAMES`; raise `UnknownName`."""
     if name not in _BUILDERS:

@@ -82,4 +82,4 @@ def _surface(solid: Manifold) -> TriangleMesh:
     vertices, index = np.unique(grid, axis=0, return_inverse=True)
     faces = index.reshape(-1)[np.asarray(raw.tri_verts, dtype=np.int64)]
     faces = np.take_along_axis(faces, (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3, axis=1)
-    return TriangleMesh(vertices * _GRID, faces[np.lexsort(faces.T[::-1])])
+    return TriangleMesh(np.asarray(vertices * _GRID, dtype=np.float64), faces[np.lexsort(faces.T[::-1])])
