@@ -133,7 +133,7 @@ class Run:
             ),
         }
         with open(path, "wb") as file:
-            np.savez_compressed(file, **arrays)
+            np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 _SAMPLE_COLUMNS = ("stamp", "x", "y", "z", "qw", "qx", "qy", "qz", "clutch", "trigger")

@@ -21,11 +21,17 @@ def add_parser(subparsers: Any) -> None:
         epilog="example: optsc demo --robot ur5 --seed 3 --output demo-output",
     )
     parser.add_argument("--robot", default="panda", help="panda (default), ur5, iiwa or xarm7")
-    parser.add_argument("--objects", nargs="+", default=list(DEFAULT_OBJECTS), metavar="NAME", help="what lies there")
+    parser.add_argument(
+        "--objects", nargs="+", default=list(DEFAULT_OBJECTS), metavar="NAME", help="what lies there"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the scene and the operator (default 0)")
     parser.add_argument("--rate", type=float, default=500.0, help="control rate in Hz (default 500)")
-    parser.add_argument("--output", type=Path, default=Path("demo-output"), metavar="DIR", help="where results go")
-    parser.add_argument("--library", type=Path, metavar="DIR", help="where grasps are kept (default: the user's cache)")
+    parser.add_argument(
+        "--output", type=Path, default=Path("demo-output"), metavar="DIR", help="where results go"
+    )
+    parser.add_argument(
+        "--library", type=Path, metavar="DIR", help="where grasps are kept (default: the user's cache)"
+    )
     window = parser.add_mutually_exclusive_group()
     window.add_argument("--headless", action="store_true", help="no window (the default)")
     window.add_argument("--gui", action="store_true", help="show PyBullet's window; needs a display")
@@ -39,7 +45,9 @@ def run(options: argparse.Namespace) -> int:
     from optsc.study.demo import run_demo, save, table
 
     if options.gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        raise InvalidValue("--gui", "no display", "a machine with a display; without --gui the demo runs headless")
+        raise InvalidValue(
+            "--gui", "no display", "a machine with a display; without --gui the demo runs headless"
+        )
     if options.seed < 0:
         raise InvalidValue("--seed", options.seed, "0 or more")
     print(f"scene {options.seed}: {options.robot} with {', '.join(options.objects)}")

@@ -20,7 +20,10 @@ def add_parser(subparsers: Any) -> None:
         epilog="example: optsc doctor",
     )
     parser.add_argument(
-        "--state-machine", type=Path, metavar="FILE", help="write the page of the state machine to FILE instead"
+        "--state-machine",
+        type=Path,
+        metavar="FILE",
+        help="write the page of the state machine to FILE instead",
     )
     parser.set_defaults(run=run)
 
@@ -37,14 +40,18 @@ def run(options: argparse.Namespace) -> int:
     from optsc.robot.cache import cache_directory
     from optsc.robot.kernels.build import compiler
 
-    print(f"optsc {optsc.__version__} on Python {platform.python_version()}, {platform.system()} {platform.machine()}")
+    print(
+        f"optsc {optsc.__version__} on Python {platform.python_version()}, {platform.system()} {platform.machine()}"
+    )
     for package in _PACKAGES:
         try:
             print(f"  {package:<12} {importlib.metadata.version(package)}")
         except importlib.metadata.PackageNotFoundError:
             print(f"  {package:<12} missing")
     command = compiler()
-    print(f"compiler: {command or 'none: kernels run in the virtual machine of CasADi, some ten times slower'}")
+    print(
+        f"compiler: {command or 'none: kernels run in the virtual machine of CasADi, some ten times slower'}"
+    )
     print(f"QP solvers: {', '.join(solver_names())}")
     display = os.environ.get("DISPLAY")
     print(f"display: {display or 'none: demo and pictures run headless, --gui does not'}")

@@ -16,7 +16,9 @@ def add_parser(subparsers: Any) -> None:
     )
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
     build = actions.add_parser("build", help="sample grasps of objects and store them")
-    build.add_argument("--objects", nargs="+", metavar="NAME", help="which objects (default: all that come along)")
+    build.add_argument(
+        "--objects", nargs="+", metavar="NAME", help="which objects (default: all that come along)"
+    )
     build.add_argument("--gripper", default="panda_hand", help="for which gripper (default panda_hand)")
     build.add_argument("--seed", type=int, default=0, help="of the sampling (default 0)")
     build.add_argument("--output", type=Path, default=Path("grasps"), metavar="DIR", help="where they go")

@@ -14,8 +14,8 @@ from optsc.robot import RobotModel
 from optsc.robot.manipulability import Manipulability
 from optsc.selection import GraspFilter, Rule
 
-RESTARTS = 8
-"""Attempts for a grasp that is not reached from the present posture; those behind need a different branch anyway."""
+RESTARTS = 0
+"""A grasp has to be reached from the present posture: the arm goes there on a straight line, in the branch it is in."""
 
 
 class GraspSelector(selection.GraspSelector):

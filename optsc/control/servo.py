@@ -172,7 +172,7 @@ class Servo:
             X_WT = self.X_WT
             return tuple(X_WT.translation.tolist()), tuple(X_WT.quaternion.tolist())
         row = self._reference.tolist()
-        return tuple(row[:3]), tuple(row[3:7])  # type: ignore[return-value]
+        return tuple(row[:3]), tuple(row[3:7])
 
     def _start(self) -> None:
         """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""

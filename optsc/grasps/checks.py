@@ -18,7 +18,7 @@ from optsc.grasps.surface import Surface
 from optsc.robot.gripper import Gripper
 
 _COARSE = 8  # the first look is at every eighth point
-_CHUNK = 30_000  # points in tool frames held in memory at once
+_CHUNK = 150_000  # points in tool frames worked on at once: they stay in the processor's cache
 _CENTRED = 0.001  # [m] between the middle of the jaws and the middle of what they meet first
 _ROOM = 0.015  # [m] on either side of the object that earns full marks
 _COVERED = 0.5  # share of a pad that earns full marks
@@ -113,7 +113,8 @@ def _check_at_all_points(work: Workpiece, X_OG: Pose, funnel: Counter[str]) -> S
     left = _narrow(funnel, {
         "meets the two contacts first": (abs(pads.offset) <= _CENTRED) & (pads.width > 0.0),
         "fits between the jaws": pads.width <= gripper.max_opening - 2 * margin,
-        "pads lie flat": (pads.coverage >= settings.min_coverage) & (pads.alignment >= settings.min_alignment),
+        "enough of the pads loaded": pads.coverage >= settings.min_coverage,
+        "pads lie flat": pads.alignment >= settings.min_alignment,
         "load near the pads' middle": pads.eccentricity <= settings.max_eccentricity,
     })  # fmt: skip
     X_OG, points_T = X_OG[left], points_T[:, left]

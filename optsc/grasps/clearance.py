@@ -55,20 +55,15 @@ def touched(points_T: np.ndarray, boxes: Array, margin: tuple[float, float, floa
     """
     grown = (np.asarray(boxes) + np.array([[-1.0], [1.0]]) * margin).astype(np.float32)
     grown = np.broadcast_to(grown, (points_T.shape[1], *grown.shape[-3:]))
-    # Most points are outside all boxes; only those inside their common hull are looked at box by box.
-    lower, upper = grown[:, :, 0].min(axis=1).T[..., None], grown[:, :, 1].max(axis=1).T[..., None]
-    near = points_T[2] < upper[2]
-    for axis in range(3):
-        near &= points_T[axis] > lower[axis]
-        near &= points_T[axis] < upper[axis]
-    pose, point = np.nonzero(near)
-    x, y, z = points_T[:, pose, point]
     hit = np.zeros(points_T.shape[1], dtype=bool)
-    for box in range(grown.shape[1]):
-        (x0, y0, z0), (x1, y1, z1) = grown[:, box, :, :, None].transpose(1, 2, 0, 3)[..., 0]
-        inside = (z > z0[pose]) & (z < z1[pose]) & (x > x0[pose]) & (x < x1[pose])
-        inside &= (y > y0[pose]) & (y < y1[pose])
-        hit[pose[inside]] = True
+    for box in np.moveaxis(grown, 1, 0):
+        left = np.nonzero(~hit)[0]
+        inside = np.ones((len(left), points_T.shape[2]), dtype=bool)
+        for axis in range(3):
+            coordinate = points_T[axis] if len(left) == len(hit) else points_T[axis, left]
+            inside &= coordinate > box[left, 0, axis, None]
+            inside &= coordinate < box[left, 1, axis, None]
+        hit[left] = inside.any(axis=1)
     return hit
 
 

@@ -18,6 +18,7 @@ import hashlib
 import io
 import json
 import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -37,6 +38,9 @@ SUFFIX = ".grasps.npz"
 
 _ARRAYS = ("quaternion", "translation", "opening", "quality")
 _FIELDS = {"object_name": str, "object_hash": str, "gripper": str, "jaw_symmetric": bool, "provenance": dict}
+# What zipfile and numpy raise for bytes that are no such archive, found by flipping every byte of a file.
+_BAD_ARCHIVE = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError, OSError)
+_BAD_ARRAY = (ValueError, TypeError, AttributeError)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
@@ -95,10 +99,13 @@ def load_set(path: str | Path) -> GraspSet:
     for field, kind in _FIELDS.items():
         if not isinstance(description.get(field), kind):
             raise DamagedFile(path, f"its description lacks {field}")
+    quaternion, translation = entries["quaternion"], entries["translation"]
+    if quaternion.shape[1:] != (4,) or translation.shape != (len(quaternion), 3):
+        raise DamagedFile(path, f"its poses have shapes {quaternion.shape} and {translation.shape}")
     try:
-        X_OG = Pose.from_quaternion(entries["quaternion"], entries["translation"])
+        # The plain constructor: normalising once more would change the last digit. GraspSet checks the poses.
         return GraspSet(
-            X_OG=X_OG,
+            X_OG=Pose(quaternion, translation),
             opening=entries["opening"],
             quality=entries["quality"],
             **{field: description[field] for field in _FIELDS},
@@ -119,15 +126,7 @@ def _read(path: str | Path) -> Mapping[str, np.ndarray]:
             entries = {name: archive[name] for name in (*_ARRAYS, "description", "checksum")}
     except KeyError as error:
         raise DamagedFile(path, f"is no grasp file ({error.args[0]})") from None
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        ValueError,
-        EOFError,
-        OSError,
-        AttributeError,
-        TypeError,
-    ) as error:
+    except (*_BAD_ARCHIVE, *_BAD_ARRAY) as error:
         raise DamagedFile(path, f"is damaged or no grasp file ({error})") from None
     if not np.array_equal(entries.pop("checksum"), _checksum(entries)):
         raise DamagedFile(path, "its content does not agree with its checksum")

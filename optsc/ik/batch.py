@@ -18,11 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
-from optsc.robot.kernels import inverse
+from optsc.robot.kernels.inverse import STARTS, search
 from optsc.robot.kernels.kernel import BatchKernel, build_batch_kernel
 from optsc.robot.kernels.kinematics import axis_of, forward_kinematics
 from optsc.robot.kernels.reach import Reach, reach
-from optsc.robot.limits import JointLimits
 from optsc.robot.model import RobotModel
 
 RESTARTS = 48
@@ -33,8 +32,6 @@ TABLE = 512
 """Postures in a table of starts."""
 BLOCK = 1024
 """Poses that are compared with a table at once; bounds the memory."""
-STARTS_PER_TABLE = 8
-"""How many of the nearest postures of a table are tried before a new table is drawn."""
 TURN_LENGTH = 0.4
 """In choosing starts, a turn of the tool by one radian weighs as much as this distance [m] of it."""
 JOINT_LENGTH = 0.1
@@ -73,14 +70,14 @@ class _Table:
     half_square: Array  # (M,)
 
     def nearest(self, features: Array) -> NDArray[np.intp]:
-        """Return the indices (N, STARTS_PER_TABLE) of the nearest postures, nearest first."""
+        """Return the indices (N, STARTS) of the nearest postures, nearest first."""
         blocks = [self._nearest(features[i : i + BLOCK]) for i in range(0, max(1, len(features)), BLOCK)]
         return np.concatenate(blocks)
 
     def _nearest(self, features: Array) -> NDArray[np.intp]:
         distance = self.half_square - features @ self.features.T
         row = np.arange(len(features))[:, None]
-        first = np.argpartition(distance, STARTS_PER_TABLE, axis=1)[:, :STARTS_PER_TABLE]
+        first = np.argpartition(distance, STARTS, axis=1)[:, :STARTS]
         return first[row, np.argsort(distance[row, first], axis=1, kind="stable")]
 
 
@@ -99,25 +96,17 @@ class _Solver:
     """What is built once for an arm."""
 
     n: int
-    limits: JointLimits
-    attempt: BatchKernel
+    search: BatchKernel
     forward: BatchKernel
     reach: Reach
-    turns: NDArray[np.bool_]  # (n,) joints that can make a full turn inside their limits
-    bounds: Array  # (2 n,) lower and upper limits, without those of joints that can make a full turn
-    endless: Array  # (2 n,) the same without any
-
-    def run(self, targets: Array, starts: Array, bounds: Array) -> Array:
-        """Return the states (N, n + STATE_ROWS) in which the attempts end, see `inverse.attempt`."""
-        states = np.empty((len(targets), self.n + inverse.STATE_ROWS))
-        states[:, : self.n] = starts
-        states[:, self.n :] = (inverse.RUNNING, np.inf, 0.0, 0.0, np.inf)
-        return self.attempt(states, targets, shared=(bounds,))[0]
+    sampling: tuple[Array, Array]  # (n,) ranges that starts are drawn from
+    limits: Array  # (2 n,) lower and upper positions
+    bounds: Array  # (2 n,) the same, without those of joints that can make a full turn between them
+    endless: Array  # (2 n,) the same, without any
 
     def table(self, rng: np.random.Generator) -> _Table:
         """Draw a table of starts."""
-        lower, upper = self.limits.sampling
-        q = rng.uniform(lower, upper, size=(TABLE, self.n))
+        q = rng.uniform(*self.sampling, size=(TABLE, self.n))
         R, p = self.forward(q)
         quaternion = rotation.from_matrix(np.swapaxes(R.reshape(-1, 3, 3), 1, 2))
         features = _features(quaternion, p, self.folded(q))
@@ -128,24 +117,10 @@ class _Solver:
         """The table that every call begins with, so that drawing it costs nothing."""
         return self.table(np.random.default_rng(0))
 
-    def inside(self, q: Array) -> NDArray[np.bool_]:
-        """Tell which postures (N, n) are inside the bounds."""
-        return np.all((q >= self.bounds[: self.n]) & (q <= self.bounds[self.n :]), axis=1)
-
     def folded(self, q: Array) -> Array:
         """Return the postures with turning joints in [-π, π), so that equal postures have equal numbers."""
-        return np.where(self.turns, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
-
-    def unwound(self, q: Array, seeds: Array) -> Array:
-        """Return the same postures inside the limits, turning joints as near to the seeds as they permit."""
-        lower, upper = self.limits.lower, self.limits.upper
-        if not self.turns.any():
-            return q
-        turn = 2.0 * np.pi
-        near = q - turn * np.round((q - seeds) / turn)
-        near += turn * np.ceil(np.maximum(lower - near, 0.0) / turn)
-        near -= turn * np.ceil(np.maximum(near - upper, 0.0) / turn)
-        return np.clip(np.where(self.turns, near, q), lower, upper)
+        turns = np.isinf(self.bounds[: self.n])
+        return np.where(turns, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
 
 
 @lru_cache(maxsize=16)
@@ -155,63 +130,90 @@ def _solver(robot: RobotModel) -> _Solver:
     turns = (upper - lower >= 2.0 * np.pi) & ~slides
     return _Solver(
         n=robot.n,
-        limits=robot.limits,
-        attempt=build_batch_kernel(inverse.attempt(robot), LOOP, shared=1),
+        search=build_batch_kernel(search(robot), LOOP, shared=2),
         forward=build_batch_kernel(forward_kinematics(robot), LOOP),
         reach=reach(robot),
-        turns=turns,
+        sampling=robot.limits.sampling,
+        limits=np.concatenate([lower, upper]),
         bounds=np.concatenate([np.where(turns, -np.inf, lower), np.where(turns, np.inf, upper)]),
         endless=np.repeat([-np.inf, np.inf], robot.n),
     )
 
 
-class _Search:
-    """The poses of one call that their seeds did not solve, and the best that was found for each so far."""
+class _Batch:
+    """The poses of one call, and the best posture that was found for each so far."""
 
-    def __init__(self, solver: _Solver, targets: Array, seeds: Array, best: Array) -> None:
-        self.solver, self.targets, self.best = solver, targets, best
-        quaternion, p = targets[:, :4], targets[:, 4:7]
-        self.features = _features(quaternion, p, solver.folded(seeds))
-        self.out_of_reach = solver.reach.excludes(quaternion, p)
-
-    @property
-    def solved(self) -> NDArray[np.bool_]:
-        """Which poses (N,) have a solution by now."""
-        return self.best[:, self.solver.n] == inverse.SOLVED
+    def __init__(self, solver: _Solver, targets: Array, seeds: Array) -> None:
+        self.solver, self.targets, self.seeds = solver, targets, seeds
+        self.best = np.zeros((len(targets), solver.n + 3))
+        self.best[:, solver.n] = np.inf
 
     @property
-    def left(self) -> NDArray[np.intp]:
-        """Indices of the poses that another attempt may solve."""
-        return np.flatnonzero(~(self.solved | self.out_of_reach))
+    def q(self) -> Array:
+        """The postures (N, n)."""
+        return self.best[:, : self.solver.n]
 
-    def restart(self, table: _Table, times: int) -> None:
-        """Try the poses that are left from the nearest ``times`` starts of a table."""
-        index = self.left
-        starts = table.nearest(self.features[index])
-        for start in range(times):
-            after = self.solver.run(self.targets[index], table.q[starts[:, start]], self.solver.bounds)
-            better = after[:, -1] < self.best[index, -1]
-            self.best[index[better]] = after[better]
-            pending = after[:, self.solver.n] != inverse.SOLVED
-            index, starts = index[pending], starts[pending]
-            if not len(index):
-                return
+    @property
+    def residual(self) -> Array:
+        """The residuals (N,) of the postures."""
+        return self.best[:, self.solver.n]
 
-    def beyond_limits(self, table: _Table) -> NDArray[np.bool_]:
-        """Tell for each pose whether ignoring the limits gives a posture, and that posture lies outside them.
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Which residuals (N,) are within tolerance."""
+        return self.best[:, self.solver.n + 1] > 0.0
 
-        One that lies inside is a solution after all.
-        """
-        index, n = self.left, self.solver.n
-        beyond = np.zeros(len(self.best), dtype=bool)
-        starts = table.nearest(self.features[index])[:, :LIMIT_PROBES]
-        for start in starts.T:
-            after = self.solver.run(self.targets[index], table.q[start], self.solver.endless)
-            found = after[:, n] == inverse.SOLVED
-            inside = found & self.solver.inside(after[:, :n])
-            self.best[index[inside]] = after[inside]
-            beyond[index[found & ~inside]] = True
-        return beyond
+    def of(self, index: NDArray[np.intp]) -> _Batch:
+        """Return some of the poses, with what was found."""
+        part = _Batch(self.solver, self.targets[index], self.seeds[index])
+        part.best = self.best[index]
+        return part
+
+    def attempt(self, starts: Array, bounds: Array, limits: Array) -> None:
+        """Try the starts (N, S, n) one after another, for the poses without success; S is up to `STARTS`."""
+        count, each, n = starts.shape
+        rows = np.zeros((count, STARTS * n))
+        rows[:, : each * n] = starts.reshape(count, -1)
+        times = np.full((count, 1), float(each))
+        shared = (bounds, limits)
+        (self.best,) = self.solver.search(self.best, self.targets, self.seeds, rows, times, shared=shared)
+
+    def restart(self, restarts: int, rng: np.random.Generator | None) -> NDArray[np.str_]:
+        """Solve by other starts what the seeds left; return the reasons (N,) of failure."""
+        solver, table = self.solver, self.solver.first_table
+        quaternion, p = self.targets[:, :4], self.targets[:, 4:7]
+        features = _features(quaternion, p, solver.folded(self.seeds))
+        reason = np.where(solver.reach.excludes(quaternion, p), "out of reach", "not found")
+        left = np.flatnonzero(reason == "not found")
+        for tried in range(0, restarts, STARTS):
+            if not len(left):
+                break
+            if tried:
+                rng = np.random.default_rng(0) if rng is None else rng
+                table = solver.table(rng)
+            part = self.of(left)
+            starts = table.q[table.nearest(features[left])[:, : restarts - tried]]
+            part.attempt(starts, solver.bounds, solver.limits)
+            self.best[left] = part.best
+            left = left[~part.success]
+        if restarts and len(left):
+            reason[self._behind_limits(left, features[left])] = "joint limits"
+        reason[self.success] = ""
+        return reason
+
+    def _behind_limits(self, index: NDArray[np.intp], features: Array) -> NDArray[np.intp]:
+        """Return those of the poses ``index`` that are solved only when the limits are ignored."""
+        solver = self.solver
+        free = _Batch(solver, self.targets[index], self.seeds[index])
+        table = solver.first_table
+        free.attempt(table.q[table.nearest(features)[:, :LIMIT_PROBES]], solver.endless, solver.endless)
+        found = index[free.success]
+        # From a posture outside the way may still lead inside; then the pose is solved after all.
+        inside = np.clip(free.q[free.success], solver.bounds[: solver.n], solver.bounds[solver.n :])
+        part = self.of(found)
+        part.attempt(inside[:, None], solver.bounds, solver.limits)
+        self.best[found] = part.best
+        return found[~part.success]
 
 
 def _checked_targets(X_WT: Pose, tolerance: float) -> Array:
@@ -235,24 +237,6 @@ def _checked_seeds(robot: RobotModel, seeds: ArrayLike | None, shape: tuple[int,
     if q.shape[:-1] not in ((), shape):
         raise InvalidValue("shape of seeds", q.shape, f"({robot.n},) or {(*shape, robot.n)}")
     return robot.limits.clip(q).reshape(-1, robot.n)
-
-
-def _restarted(search: _Search, restarts: int, rng: np.random.Generator | None) -> NDArray[np.str_]:
-    """Solve what the seeds left, in the search's own rows; return the reasons of failure."""
-    reason = np.where(search.out_of_reach, "out of reach", "not found")
-    table = search.solver.first_table
-    for tried in range(0, restarts, STARTS_PER_TABLE):
-        if tried:
-            rng = np.random.default_rng(0) if rng is None else rng
-            table = search.solver.table(rng)
-        search.restart(table, min(STARTS_PER_TABLE, restarts - tried))
-        if not len(search.left):
-            break
-    else:
-        if restarts:
-            reason[search.beyond_limits(search.solver.first_table)] = "joint limits"
-    reason[search.solved] = ""
-    return reason
 
 
 def solve_ik(
@@ -284,20 +268,19 @@ def solve_ik(
     if restarts < 0:
         raise InvalidValue("restarts", restarts, "zero or more")
     shape, targets = X_WT.shape, _checked_targets(X_WT, tolerance)
-    start = _checked_seeds(robot, seeds, shape)
+    own = _checked_seeds(robot, seeds, shape)
     solver = _solver(robot)
-    n = solver.n
-    best = solver.run(targets, start, solver.bounds)
+    batch = _Batch(solver, targets, np.broadcast_to(own, (len(targets), solver.n)))
+    batch.attempt(batch.seeds[:, None], solver.bounds, solver.limits)
     reason = np.zeros(len(targets), dtype=_REASON)
-    unsolved = np.flatnonzero(best[:, n] != inverse.SOLVED)
+    unsolved = np.flatnonzero(~batch.success)
     if len(unsolved):
-        own = start if len(start) == 1 else start[unsolved]
-        search = _Search(solver, targets[unsolved], own, best[unsolved])
-        reason[unsolved] = _restarted(search, restarts, rng)
-        best[unsolved] = search.best
+        part = batch.of(unsolved)
+        reason[unsolved] = part.restart(restarts, rng)
+        batch.best[unsolved] = part.best
     return IkSolutions(
-        q=solver.unwound(best[:, :n], start).reshape(*shape, n),
-        success=(best[:, n] == inverse.SOLVED).reshape(shape),
-        residual=best[:, -1].reshape(shape),
+        q=batch.q.reshape(*shape, solver.n),
+        success=batch.success.reshape(shape),
+        residual=batch.residual.reshape(shape),
         reason=reason.reshape(shape),
     )

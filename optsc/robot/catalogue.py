@@ -91,8 +91,8 @@ _XARM7 = _Arm(
     flange_rpy=(0.0, 0.0, 0.0),
     home=(0.0, -0.3858, 0.0, 1.1405, 0.0, 1.5263, 0.0),
     limits={
-        "acceleration": (10.0,) * 7,
-        "jerk": (5000.0,) * 7,
+        "acceleration": (5.0,) * 7,  # joint 2 may load 50 N m, and gravity alone takes up to 39 of them
+        "jerk": (2500.0,) * 7,
     },
     sources={
         "position": "the maker's own description (xarm_ros)",

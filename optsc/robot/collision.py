@@ -59,7 +59,7 @@ _Pair: TypeAlias = tuple[int, int, str]  # two shapes, and what to say when they
 
 
 class _Checker:
-    """Pairs of shapes under a tree of bounding boxes, and what to say when a pair touches."""
+    """Pairs of shapes behind a comparison of bounding boxes, and what to say when a pair touches."""
 
     def __init__(self, model: Any, geometry: Any, pairs: Sequence[_Pair], margin: float) -> None:
         for a, b, _ in pairs:
@@ -69,18 +69,21 @@ class _Checker:
         self._geometry, self._data = geometry, geometry.createData()
         for request in self._data.collisionRequests:
             request.security_margin = margin
-        # Made after the margins are set: it inflates the boxes of its tree by them.
-        self._tree = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, self._data)
+        # Made after the margins are set: it inflates the bounding boxes by them. With up to a hundred shapes,
+        # comparing all boxes takes half the time of keeping a tree of them.
+        self._boxes = pinocchio.BroadPhaseManager_NaiveCollisionManager(model, geometry, self._data)
         self._callback = pinocchio.CollisionCallBackDefault(geometry, self._data, True)
 
     def first_contacts(self, full: Array, ignored: Sequence[int] = ()) -> Array:
         """Return for every full posture (N, nq) the first pair (N,) found in contact, -1 for none."""
         found = np.full(len(full), -1)
+        if not len(full):
+            return found
         for pair in ignored:
             self._data.deactivateCollisionPair(pair)
         for k, posture in enumerate(full):
             self._callback.init()
-            if pinocchio.computeCollisions(self._model, self._state, self._tree, self._callback, posture):
+            if pinocchio.computeCollisions(self._model, self._state, self._boxes, self._callback, posture):
                 found[k] = self._callback.collisionPairIndex
         for pair in ignored:
             self._data.activateCollisionPair(pair)
@@ -114,7 +117,7 @@ class CollisionModel:
         self._moving = [i for i, g in enumerate(shapes) if g.parentJoint != 0]
         self._hand = self._hand_shapes(shapes)
         self._hulls = self._hulls_of(exact)
-        self._columns, self._jaws, self._neutral = self._layout()
+        self._lay_out()
         self._self_pairs = self._pairs_apart_at_home(exact)
         self._self_checker = _Checker(self._model, exact, self._self_pairs, 0.0)
         self._obstacle_hulls: WeakKeyDictionary[TriangleMesh, Any] = WeakKeyDictionary()
@@ -186,22 +189,23 @@ class CollisionModel:
                 shape.geometry = convex_hull(shape.geometry.vertices(), f"collision mesh of {shape.name}")
         return hulls
 
-    def _layout(self) -> tuple[list[tuple[int, int]], list[int], Array]:
-        """Return where each arm joint (first number, count) and each jaw stand in a full posture."""
+    def _lay_out(self) -> None:
+        """Find out where the joints of the arm and the jaws stand in a posture of the whole description."""
         model = self._model
         joints = [model.joints[model.getJointId(name)] for name in self.robot.joint_names]
-        jaws = [model.joints[model.getJointId(name)].idx_q for name in self._finger_joints()]
-        neutral = np.clip(pinocchio.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
-        return [(j.idx_q, j.nq) for j in joints], jaws, neutral
+        self._columns = np.array([joint.idx_q for joint in joints])
+        self._turning = np.flatnonzero([joint.nq == 2 for joint in joints])
+        self._jaws = [model.joints[model.getJointId(name)].idx_q for name in self._finger_joints()]
+        self._neutral = np.clip(pinocchio.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
 
     def _full_postures(self, q: Array, opening: ArrayLike | None) -> Array:
         """Return postures (N, nq) of the whole description, jaws included, for arm postures ``q`` (N, n)."""
         full = np.tile(self._neutral, (len(q), 1))
-        for k, (start, count) in enumerate(self._columns):
-            # A continuous joint is stored as cosine and sine.
-            full[:, start : start + count] = (
-                np.c_[np.cos(q[:, k]), np.sin(q[:, k])] if count == 2 else q[:, [k]]
-            )
+        full[:, self._columns] = q
+        if len(self._turning):
+            # A joint that turns endlessly is stored as cosine and sine.
+            column = self._columns[self._turning]
+            full[:, column], full[:, column + 1] = np.cos(q[:, self._turning]), np.sin(q[:, self._turning])
         gripper = self.robot.gripper
         if gripper is not None:
             width = np.asarray(gripper.max_opening if opening is None else opening, dtype=float)
@@ -292,12 +296,14 @@ class CollisionScene:
         allowed = np.array([name or "" for name in names])
         if allowed.shape != (len(q),):
             raise InvalidValue("hand_may_touch", allowed.shape, f"shape ({len(q)},), one entry per posture")
-        reason = np.full(len(q), "", dtype=object)
-        for name in np.unique(allowed):
-            rows = np.flatnonzero(allowed == name)
-            contacts = self._checker.first_contacts(full[rows], self._hand_pairs.get(str(name), ()))
-            reason[rows] = self._checker.reasons[contacts]
-        rest = np.flatnonzero(reason == "")
+        contacts = self._checker.first_contacts(full)
+        for name in set(allowed[contacts >= 0].tolist()) & set(self._hand_pairs):
+            # Switching pairs off costs more than a posture: only those that met a permitted pair start over.
+            pairs = self._hand_pairs[name]
+            rows = np.flatnonzero((allowed == name) & np.isin(contacts, pairs))
+            contacts[rows] = self._checker.first_contacts(full[rows], pairs)
+        reason = self._checker.reasons[contacts]
+        rest = np.flatnonzero(contacts < 0)
         checker = self._arm._self_checker
         reason[rest] = checker.reasons[checker.first_contacts(full[rest])]
         return Clearance(reason == "", reason)

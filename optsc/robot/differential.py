@@ -5,15 +5,13 @@ Both are smooth arithmetic without decisions of their own; the rooms above give 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import casadi
 
 from optsc.robot.kernels.kinematics import chain
 from optsc.robot.model import RobotModel
 
 
-class PoseTaskSettings(NamedTuple):
+class PoseTaskSettings:
     """Layout of the settings vector of `pose_task`; see `optsc.ik.differential` for meaning and units."""
 
     SIZE = 14
@@ -120,8 +118,13 @@ def pose_task(robot: RobotModel) -> casadi.Function:
     posture_weight = s[PoseTaskSettings.POSTURE_WEIGHT]
     # Levenberg-Marquardt damping that grows with the error (Sugihara 2011): next to nothing while the tool is on its
     # reference, and calm where a target is out of reach and the Jacobian loses a direction.
-    weighted_error = weight[:3] * _at_most(error[:3], largest[0]), weight[3:] * _at_most(error[3:], largest[1])
-    square = casadi.dot(weighted_error[0], weighted_error[0]) + casadi.dot(weighted_error[1], weighted_error[1])
+    weighted_error = (
+        weight[:3] * _at_most(error[:3], largest[0]),
+        weight[3:] * _at_most(error[3:], largest[1]),
+    )
+    square = casadi.dot(weighted_error[0], weighted_error[0]) + casadi.dot(
+        weighted_error[1], weighted_error[1]
+    )
     damping = s[PoseTaskSettings.DAMPING] + s[PoseTaskSettings.ERROR_DAMPING] * square
     H = weighted_J.T @ weighted_J + (posture_weight + damping) * casadi.SX.eye(n)
     homeward = s[PoseTaskSettings.POSTURE_GAIN] * (posture - q)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
@@ -45,7 +45,7 @@ class JointLimits:
         return len(self.lower)
 
     @property
-    def bounded(self) -> Array:
+    def bounded(self) -> NDArray[np.bool_]:
         """Which joints (n,) have two position limits; the others turn endlessly."""
         return np.isfinite(self.lower) & np.isfinite(self.upper)
 

@@ -183,7 +183,7 @@ def model_from_urdf(
         raise InvalidValue("home", posture.tolist(), f"shape ({model.nv},), inside the position limits")
     posture.flags.writeable = False
     return RobotModel(
-        name=name or root.get("name", path.stem),
+        name=name or root.get("name") or path.stem,
         urdf=path,
         tip=tip,
         model=model,

@@ -103,6 +103,7 @@ class Ranking:
     stale: bool = False
     reason: str = ""
     _inputs: Inputs | None = None
+    _twins: tuple[int, ...] = ()  # of each object the jaw twin of the chosen grasp
 
     @classmethod
     def empty(cls, reason: str) -> Ranking:
@@ -118,6 +119,8 @@ class Ranking:
         candidates = layout.index.ravel()[places].tolist()
         similarities = situation.similarity.ravel()[places].tolist()
         positions = grid.positions.reshape(3, -1)[:, places].T.tolist()
+        turned = situation.turned
+        twins = (0,) * len(places) if turned is None else turned.ravel()[places].astype(int).tolist()
         chosen: dict[str, int | None] = dict.fromkeys(layout.names)
         best, nearest, hand = None, inf, inputs.position.tolist()
         for k, name in enumerate(layout.names):
@@ -128,7 +131,7 @@ class Ranking:
             distance = dist(hand, positions[k]) + METRES_PER_RADIAN * angle
             if distance < nearest:
                 best, nearest = name, distance
-        return cls(MappingProxyType(chosen), best, stale, "", inputs)
+        return cls(MappingProxyType(chosen), best, stale, "", inputs, tuple(twins))
 
     @property
     def object_names(self) -> tuple[str, ...]:
@@ -145,18 +148,17 @@ class Ranking:
         if name is None:
             return None
         candidate = self.chosen[self._checked(name)]
-        return None if candidate is None else self._target_of(name, candidate)
+        twin = self._twins[self.object_names.index(name)]
+        return None if candidate is None else self._target_of(name, candidate, twin)
 
     def target_of(self, i: int) -> Target:
         """Return candidate ``i`` as a target, chosen or not; the jaw twin is the one that suits the hand."""
-        table = self._grid.table
-        name = table.candidates.object_names[int(table.candidates.object_index[self._candidate(i)])]
-        return self._target_of(name, i)
+        candidates, turned = self._grid.table.candidates, self.view.situation.turned
+        name = candidates.object_names[int(candidates.object_index[self._candidate(i)])]
+        return self._target_of(name, i, 0 if turned is None else int(self._grid.layout.gather(turned)[i]))
 
-    def _target_of(self, name: str, i: int) -> Target:
+    def _target_of(self, name: str, i: int, t: int) -> Target:
         table = self._grid.table
-        turned = self.view.situation.turned
-        t = 0 if turned is None else int(self._grid.layout.gather(turned)[i])
         return Target(
             object_name=name,
             candidate=int(i),

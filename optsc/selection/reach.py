@@ -44,8 +44,10 @@ class Measure(Protocol):
 
 
 def _frozen(values: ArrayLike) -> np.ndarray:
-    array = np.array(values)
-    array.flags.writeable = False
+    array = np.asarray(values)
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
     return array
 
 
@@ -222,6 +224,7 @@ def _flat(poses: Pose, rows: np.ndarray) -> Pose:
 def _with_rows(values: np.ndarray, rows: np.ndarray, new: ArrayLike, flat: tuple[int, ...]) -> np.ndarray:
     changed = np.array(values)
     changed.reshape(flat)[rows] = new
+    changed.flags.writeable = False
     return changed
 
 

@@ -65,9 +65,7 @@ class Arm:
     def _set_limits_and_friction(self) -> None:
         arm, limits = {"physicsClientId": self._client}, self._robot.limits
         for i, index in enumerate(self._joints):
-            # A drive makes up for its joint's friction; the model may have other limits than the description.
-            pybullet.changeDynamics(self.body, index, jointDamping=0.0, **arm)
-            if limits.bounded[i]:
+            if limits.bounded[i]:  # the model may have other limits than the description
                 lower, upper = float(limits.lower[i]), float(limits.upper[i])
                 pybullet.changeDynamics(self.body, index, jointLowerLimit=lower, jointUpperLimit=upper, **arm)
         for index in self.fingers:

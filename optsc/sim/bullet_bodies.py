@@ -110,7 +110,7 @@ def connect(gui: bool = False) -> int:
     """Start a simulation of its own, with a window if ``gui``; return PyBullet's number of it.
 
     Raises:
-        InvalidValue: a window where there is no display, or more simulations than PyBullet can have at a time.
+        InvalidValue: a window where there is no display, or more simulations than PyBullet can have at once.
     """
     if gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         # PyBullet would end the process.
@@ -143,7 +143,7 @@ def add_object(client: int, model: ObjectModel, X_WO: Pose, *, visible: bool = F
     the pose of the principal frame M of its mass, see `inertia`, not of O.
     """
     mass_frame = inertia(model.mesh, model.mass)
-    # Meshes are kept by file name otherwise, and a later object may be given the name of an earlier one.
+    # PyBullet would keep every mesh under its file name, and these files are never read again.
     pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
     with tempfile.TemporaryDirectory() as folder:  # the surface is read when the body is made, not before
         body = _multibody(client, model, X_WO, mass_frame.X_OM, Path(folder), visible)

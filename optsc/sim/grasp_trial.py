@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import pybullet
 
-from optsc.errors import InvalidValue, Mismatch
+from optsc.errors import DamagedFile, InvalidValue, Mismatch
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.grasps import GraspSet
@@ -117,16 +117,19 @@ def hand_description() -> tuple[Path, Pose]:
     """Return a URDF of the Panda's hand alone, and X_HT of its tool frame T in the hand's link H."""
     path = urdf.example_robot_data("example-robot-data", "robots", "panda_description", "urdf", "panda.urdf")
     root = urdf.with_absolute_meshes(urdf.read_urdf(path), path.parent, urdf.example_robot_data())
-    elements = urdf.subtree(urdf.without(root, "visual"), _HAND)
-    tool = next(e for e in elements if e.tag == "joint" and e.find("child").get("link") == _TOOL)  # type: ignore[union-attr]
-    X_HT = Pose.from_translation([float(v) for v in tool.find("origin").get("xyz", "").split()])  # type: ignore[union-attr]
-    for element in elements:
-        # A constraint moves the hand by its centre of mass: put that at the link's origin.
-        origin = element.find("inertial/origin") if element.get("name") == _HAND else None
-        if origin is not None:
-            origin.set("xyz", "0 0 0")
+    tool = root.find(f"joint[@name='{_TOOL}_joint']/origin")
+    if tool is None:
+        raise DamagedFile(path, f"has no joint {_TOOL}_joint with an origin")
+    X_HT = Pose.from_translation([float(v) for v in tool.get("xyz", "").split()])
     hand = urdf.Element("robot", name=_HAND)
-    hand.extend(e for e in elements if e is not tool and e.get("name") != _TOOL)
+    for element in urdf.subtree(urdf.without(root, "visual"), _HAND):
+        if element.get("name") in (_TOOL, f"{_TOOL}_joint"):  # has no mass and nothing to touch
+            continue
+        # A constraint moves the hand by its centre of mass: put that at the link's origin.
+        centre = element.find("inertial/origin") if element.get("name") == _HAND else None
+        if centre is not None:
+            centre.set("xyz", "0 0 0")
+        hand.append(element)
     return urdf.store(hand, "panda-hand"), X_HT
 
 

@@ -147,17 +147,23 @@ def _interventions(episode: Episode) -> int:
 
 def table(demo: Demo) -> str:
     """Return both strategies side by side, for people."""
-    rows = [("object", "strategy", "lifted", "path m", "turn rad", "time s", "SPARC", "LDLJ", "speed step m/s")]
+    rows: list[tuple[str, ...]] = [
+        ("object", "strategy", "lifted", "path m", "turn rad", "time s", "SPARC", "LDLJ", "speed step m/s")
+    ]
     for name in demo.object_names:
         for strategy in STRATEGIES:
             measures = demo.episodes[strategy.name, name].measures()
             jump = measures["switch_jump"]
-            numbers = [measures[key] for key in ("path_length_m", "rotation_rad", "duration_s", "sparc", "ldlj")]
+            numbers = [
+                measures[key] for key in ("path_length_m", "rotation_rad", "duration_s", "sparc", "ldlj")
+            ]
             numbers.append(None if jump is None else jump["velocity_step"])
             cells = ["-" if x is None else f"{x:.3f}" for x in numbers]
             rows.append((name, strategy.name, "yes" if measures["lifted"] else "no", *cells))
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows
+    )
 
 
 def figure(demo: Demo) -> Any:
@@ -169,7 +175,9 @@ def figure(demo: Demo) -> Any:
     shown = demo.intervened or demo.object_names[0]
     paper = demo.episodes[STRATEGIES[0].name, shown]
     starts = [i for i in paper.run.switches() if paper.run.modes[i] is Mode.APPROACH]
-    situations = [_situation(paper, i, f"Selected grasps, hand pose {k}") for k, i in enumerate(starts[:2], 1)]
+    situations = [
+        _situation(paper, i, f"Selected grasps, hand pose {k}") for k, i in enumerate(starts[:2], 1)
+    ]
     curves = [
         _curve(demo.episodes[strategy.name, shown], strategy, colour)
         for strategy, colour in zip(STRATEGIES, (PROPOSED, MANIPULABILITY_ONLY), strict=True)
@@ -193,7 +201,13 @@ def _curve(episode: Episode, strategy: Strategy, colour: str) -> Curve:
     end = episode.arrival or len(episode.run)
     automatic = np.array([mode.automatic for mode in episode.run.modes[:end]])
     target = None if episode.switch is None else episode.run[episode.switch].step.target
-    return Curve(strategy.label, episode.tool.translation[:end], automatic, colour, None if target is None else target.X_WG)
+    return Curve(
+        strategy.label,
+        episode.tool.translation[:end],
+        automatic,
+        colour,
+        None if target is None else target.X_WG,
+    )
 
 
 def save(demo: Demo, directory: Path) -> dict[str, Any]:

@@ -100,9 +100,8 @@ class Episode:
     @property
     def target_name(self) -> str | None:
         """The object that was approached last."""
-        if self.switch is None or self.run[self.switch].step.target is None:
-            return None
-        return self.run[self.switch].step.target.object_name
+        target = None if self.switch is None else self.run[self.switch].step.target
+        return None if target is None else target.object_name
 
     def measures(self) -> dict[str, Any]:
         """Return the measures of the automatic motion from the switch to the grasp; None where it did not arrive.
@@ -138,7 +137,9 @@ def build_controller(setting: Setting, strategy: Strategy) -> SharedController:
     """Return the controller of an episode: the paper's mapping of the hand, and the strategy's rule."""
     robot = setting.world.robot
     selector = GraspSelector(robot, strategy.rule, setting.manipulability, standoff=setting.approach.standoff)
-    return SharedController(robot, selector, approach=setting.approach, clutch=ClutchSettings(R_WS=R_WS_DEFAULT))
+    return SharedController(
+        robot, selector, approach=setting.approach, clutch=ClutchSettings(R_WS=R_WS_DEFAULT)
+    )
 
 
 def clearance(world: Tabletop) -> GraspClearance:
@@ -179,7 +180,9 @@ def _judged(setting: Setting, strategy: Strategy, name: str, ticks: Run) -> Epis
     tool = setting.world.robot.forward(ticks.q)
     starts = [i for i in ticks.switches() if ticks.modes[i] is Mode.APPROACH]
     switch = starts[-1] if starts else None
-    arrivals = [i for i in ticks.switches() if ticks.modes[i] is Mode.CLOSE and switch is not None and i > switch]
+    arrivals = [
+        i for i in ticks.switches() if ticks.modes[i] is Mode.CLOSE and switch is not None and i > switch
+    ]
     heights = np.array([tick.objects[name].translation[2] if name in tick.objects else 0.0 for tick in ticks])
     lifted = _longest(heights - heights[0] >= LIFT_HEIGHT) / ticks.rate >= LIFT_TIME
     return Episode(name, strategy, ticks, tool, switch, arrivals[0] if arrivals else None, bool(lifted))

@@ -266,14 +266,23 @@ def test_a_recorded_run_replayed_gives_the_same_commands_bit_for_bit(robot, tmp_
             k = round(view.time / PERIOD)
             if k % 6:
                 return None
-            X = Pose(rotation.multiply(rotation.conjugate(R_WS), [0, 1, 0, 0]), np.array([0, 0, -0.1 * min(view.time, 1.0)]))
+            X = Pose(
+                rotation.multiply(rotation.conjugate(R_WS), [0, 1, 0, 0]),
+                np.array([0, 0, -0.1 * min(view.time, 1.0)]),
+            )
             return OperatorSample(view.time, X, True, 1.0 < view.time < 1.2)
 
     def controller():
-        return optsc.SharedController(robot, optsc.GraspSelector(robot), clutch=optsc.ClutchSettings(R_WS=R_WS))
+        return optsc.SharedController(
+            robot, optsc.GraspSelector(robot), clutch=optsc.ClutchSettings(R_WS=R_WS)
+        )
 
     run = optsc.run(
-        controller(), operator=Hand(), follower=optsc.IdealFollower(robot), candidates=candidates, duration=4.0
+        controller(),
+        operator=Hand(),
+        follower=optsc.IdealFollower(robot),
+        candidates=candidates,
+        duration=4.0,
     )
     assert Mode.ADVANCE in run.modes
     run.save(tmp_path / "run.npz")

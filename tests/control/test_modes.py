@@ -15,7 +15,9 @@ def test_a_fault_reaches_hold_from_every_mode(mode):
 
 
 def test_hold_is_left_only_by_the_operator():
-    assert {event for (mode, event), after in TRANSITIONS.items() if mode is Mode.HOLD and after is not mode} <= OPERATOR
+    assert {
+        event for (mode, event), after in TRANSITIONS.items() if mode is Mode.HOLD and after is not mode
+    } <= OPERATOR
 
 
 def test_the_operator_may_step_in_at_any_moment_of_automatic_motion():

@@ -5,7 +5,7 @@ import pytest
 from selection_cases import JOINTS, random_candidates, random_hand, random_table
 
 from optsc.errors import InvalidValue
-from optsc.geometry import rotation
+from optsc.geometry import Pose, rotation
 from optsc.selection import (
     JointTravel,
     ManipulabilityLoss,
@@ -76,8 +76,6 @@ def test_the_pose_distance_vanishes_where_the_hand_already_is():
 def test_a_pose_weight_of_zero_makes_the_cost_blind_to_that_direction():
     rng = np.random.default_rng(33)
     table = random_table(rng, random_candidates(rng, (1,)), reachable=1.0)
-    from optsc.geometry import Pose
-
     along = PoseDistance((1.0, 1.0, 0.0), (1.0, 1.0, 0.0))
     moved = Pose.from_rotation_vector([0.0, 0.0, 0.4], [0.0, 0.0, -0.3])
     hand = table.X_WG[0, 0] @ moved

@@ -29,6 +29,7 @@ from optsc.selection import (
     PoseDistance,
     PositionDistance,
     QualityLoss,
+    Stage,
     WeightedSum,
 )
 
@@ -135,8 +136,6 @@ def test_the_ranking_does_not_depend_on_the_order_of_the_objects():
     ids=lambda cost: cost.name,
 )
 def test_a_one_stage_cascade_equals_sorting_by_that_cost(cost):
-    from optsc.selection import Stage
-
     rng = np.random.default_rng(7)
     table, hand = random_table(rng, random_candidates(rng, (60,))), random_hand(rng)
     ranking = rank(table, hand, Cascade((Stage(cost),)))

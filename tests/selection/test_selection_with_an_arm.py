@@ -29,11 +29,11 @@ def block(x, y, z):
 
 
 def leaning_grasps(rng, count=40):
-    """Grasps of both objects: from above and leaning by up to 100 degrees, some of them through the table."""
+    """Grasps of both objects: from above and leaning by up to 110 degrees, some of them through the table."""
     pieces = []
     for name, (x, y) in PLACES.items():
         yaw = rng.uniform(-np.pi, np.pi, count)
-        lean = rng.uniform(0.0, np.radians(100.0), count)
+        lean = rng.uniform(0.0, np.radians(110.0), count)
         zero = np.zeros(count)
         down = rotation.exp(np.stack([zero + np.pi, zero, zero], axis=-1))
         about_z = rotation.exp(np.stack([zero, zero, yaw], axis=-1))
@@ -72,8 +72,8 @@ def test_the_postures_of_the_table_hold_the_tool_at_the_grasps_and_pre_grasps():
     assert robot.forward(table.q_grasp[reached]).almost_equal(table.X_WG[reached], 1e-4)
     assert robot.forward(table.q_pregrasp[reached]).almost_equal(table.X_WP[reached], 1e-4)
     M = Manipulability().evaluate(robot, table.q_grasp[reached])
-    assert np.array_equal(table.manipulability[reached], M)
-    assert np.all(M > 0.0)
+    assert np.allclose(table.manipulability[reached], M, atol=1e-12)
+    assert np.median(M) > 0.01
 
 
 def test_a_twin_is_reached_by_turning_the_wrist_and_may_be_out_of_reach_where_the_stored_pose_is_not():
@@ -84,8 +84,9 @@ def test_a_twin_is_reached_by_turning_the_wrist_and_may_be_out_of_reach_where_th
 
 def test_grasps_through_the_table_are_rejected_as_collisions():
     _, _, _, table = observed()
-    low = table.X_WG.apply([0.0, 0.1, -0.08])[..., 2] < 0.0
-    low |= table.X_WG.apply([0.0, -0.1, -0.08])[..., 2] < 0.0
+    # The far edges of the palm, well inside the body of the gripper.
+    edges = np.array([[x, y, -0.12] for x in (-0.03, 0.03) for y in (-0.09, 0.09)])
+    low = (table.X_WG[:, :, None].apply(edges)[..., 2] < 0.0).any(axis=-1)
     assert low.any()
     assert not table.admissible[low].any()
     assert table.rejected("collision")[low].any()
@@ -100,7 +101,8 @@ def test_what_is_chosen_is_clear_of_everything_but_the_object_it_grasps():
             target = ranking.target(name)
             assert scene.clear(target.q_pregrasp[None]).clear[0]
             assert scene.clear(target.q[None], hand_may_touch=[name]).clear[0]
-            assert not scene.clear(target.q[None]).clear[0]
+            closed = scene.clear(target.q[None], opening=0.035)
+            assert closed.reason[0].endswith(f"finger touches {name}")
 
 
 def test_the_ranking_of_a_moving_arm_is_judged_by_the_postures_it_would_be_driven_to():

@@ -47,7 +47,7 @@ def record(physics):
     return np.concatenate([q, v, [physics.opening()], *poses]).tobytes()
 
 
-# ---- bodies ---------------------------------------------------------------------------------------------------
+# ---- bodies ----
 
 
 def test_mass_properties_of_a_box_are_the_textbook_ones():
@@ -126,7 +126,7 @@ def test_the_arm_has_the_masses_of_its_description_also_where_a_link_has_none(cl
     np.testing.assert_allclose(found, expected, atol=1e-8)
 
 
-# ---- the running world ----------------------------------------------------------------------------------------
+# ---- the running world ----
 
 
 def test_objects_at_rest_stay_where_they_are(panda):
@@ -201,8 +201,9 @@ def test_the_jaws_hold_what_coulomb_friction_lets_them_hold(panda, mass, frictio
         assert physics.held("cube") == holds
     assert (end.translation[2] > 0.148) == holds
     if holds:
-        assert np.linalg.norm(end.translation - start.translation) < 1e-4
-        assert rotation.angle(end.quaternion, start.quaternion) < 1e-3
+        # Nothing creeps: friction that resists velocities alone loses 0.01 mm and 0.3 mrad here.
+        assert np.linalg.norm(end.translation - start.translation) < 5e-6
+        assert rotation.angle(end.quaternion, start.quaternion) < 1e-4
 
 
 def test_the_jaws_move_alike_also_when_only_one_meets_something(panda):

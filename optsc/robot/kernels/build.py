@@ -62,23 +62,16 @@ def _version(command: str) -> str | None:
     return done.stdout.partition("\n")[0] if done.returncode == 0 else None
 
 
-def _compile(command: str, source: str) -> bytes | None:
-    """Return the content of the shared library made of ``source``; None, with a warning, on failure."""
+def _compile(command: str, source: str) -> bytes:
+    """Return the content of the shared library made of ``source``; raise `OSError` or `SubprocessError`."""
     with tempfile.TemporaryDirectory(prefix="optsc-kernel-") as folder:
         Path(folder, "kernel.c").write_text(source)
         # Relative names and the folder as working directory: the same source gives the same bytes.
         arguments = [*shlex.split(command), *FLAGS, "kernel.c", "-o", "kernel.so", "-lm"]
-        try:
-            done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, timeout=TIME_LIMIT)
-            if done.returncode == 0:
-                return Path(folder, "kernel.so").read_bytes()
-            reason = done.stderr.strip()[-500:]
-        except (OSError, subprocess.TimeoutExpired) as error:
-            reason = str(error)
-    warnings.warn(
-        f"{command} cannot build a kernel, which runs interpreted: {reason}", RuntimeWarning, stacklevel=4
-    )
-    return None
+        done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, timeout=TIME_LIMIT)
+        if done.returncode != 0:
+            raise subprocess.SubprocessError(done.stderr.strip()[-500:])
+        return Path(folder, "kernel.so").read_bytes()
 
 
 def _sound(path: Path, digest: str) -> bool:
@@ -101,17 +94,19 @@ def shared_library(name: str, source: str) -> Path | None:
     command = compiler()
     if command is None:
         return None
-    system = (sysconfig.get_platform(), *platform.libc_ver(), casadi.__version__)
+    system = (sysconfig.get_platform(), *platform.libc_ver(), casadi.CasadiMeta.version())
     recipe = "\0".join((source, command, str(_version(command)), *FLAGS, *system))
     key = hashlib.sha256(recipe.encode()).hexdigest()[:24]
-    folder = cache_directory("kernels")
-    for path in sorted(folder.glob(f"{name}-{key}-*.so")):
-        if _sound(path, path.stem.rpartition("-")[2]):
-            return path
-        path.unlink(missing_ok=True)
-    content = _compile(command, source)
-    if content is None:
+    try:
+        folder = cache_directory("kernels")
+        for path in sorted(folder.glob(f"{name}-{key}-*.so")):
+            if _sound(path, path.stem.rpartition("-")[2]):
+                return path
+            path.unlink(missing_ok=True)
+        content = _compile(command, source)
+        path = folder / f"{name}-{key}-{hashlib.sha256(content).hexdigest()[:24]}.so"
+        write_atomically(path, content)
+        return path
+    except (OSError, subprocess.SubprocessError) as error:
+        warnings.warn(f"{name} runs interpreted, because {command} did not build it: {error}", stacklevel=3)
         return None
-    path = folder / f"{name}-{key}-{hashlib.sha256(content).hexdigest()[:24]}.so"
-    write_atomically(path, content)
-    return path

@@ -1,4 +1,4 @@
-"""An attempt to solve the inverse kinematics as one CasADi function, all iterations inside.
+"""Attempts to solve the inverse kinematics of a pose as one CasADi function, all iterations inside.
 
 An iteration is a Levenberg-Marquardt step. With the pose error e = (p* - p, log(R* Rᵀ)), weights W, and the
 Jacobian J without the columns of joints that stand at a limit and are pushed outward,
@@ -15,8 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi
+import numpy as np
 
-from optsc.robot.kernels.kinematics import chain
+from optsc.robot.kernels.kinematics import axis_of, chain
 from optsc.robot.model import RobotModel
 
 LENGTH = 0.2
@@ -32,30 +33,35 @@ ITERATIONS = 40
 """Greatest number of iterations of an attempt; a multiple of _BLOCK."""
 _BLOCK = 10
 
-IDLE, RUNNING, SOLVED, GIVEN_UP = 0, 1, 2, 3
-"""Status of an attempt. Only one that is RUNNING costs time."""
+STARTS = 8
+"""Starts that one call of `search` tries one after another."""
 
-STATE_ROWS = 5
-"""Rows of an attempt's state after the posture, see `attempt`."""
+_RUNNING, _SOLVED, _GIVEN_UP = 0, 1, 2
 
 
 @dataclass
 class _State:
-    """The rows of an attempt's state, see `attempt`."""
+    """An attempt under way."""
 
     q: casadi.SX
     status: casadi.SX
-    least: casadi.SX
-    stalled: casadi.SX
-    iterations: casadi.SX
     residual: casadi.SX
+    iterations: casadi.SX
+    least: casadi.SX  # least cost so far
+    stalled: casadi.SX  # iterations since it last fell
 
     @classmethod
-    def unpack(cls, rows: casadi.SX, n: int) -> _State:
-        return cls(rows[:n], *(rows[n + i] for i in range(STATE_ROWS)))
+    def start(cls, q: casadi.SX) -> _State:
+        return cls(q, *(casadi.SX(value) for value in (_RUNNING, np.inf, 0.0, np.inf, 0.0)))
+
+    @classmethod
+    def unpack(cls, rows: casadi.SX) -> _State:
+        n = rows.shape[0] - 5
+        return cls(rows[:n], *(rows[n + i] for i in range(5)))
 
     def pack(self) -> casadi.SX:
-        return casadi.vertcat(self.q, self.status, self.least, self.stalled, self.iterations, self.residual)
+        rows = (self.q, self.status, self.residual, self.iterations, self.least, self.stalled)
+        return casadi.densify(casadi.vertcat(*rows))
 
 
 def rotation_vector(D: casadi.SX) -> casadi.SX:
@@ -70,7 +76,7 @@ def rotation_vector(D: casadi.SX) -> casadi.SX:
     # The tiny number keeps the quotient finite where there is no rotation; v is zero there.
     vector = v * (angle / (sine + 1e-200))
     half_turn = casadi.logic_and(cosine < 0, sine < 1e-8)
-    return casadi.vertcat(casadi.if_else(half_turn, angle, vector[0]), vector[1], vector[2])
+    return casadi.if_else(half_turn, casadi.vertcat(angle, 0, 0), vector)
 
 
 def rotation_matrix(quaternion: casadi.SX) -> casadi.SX:
@@ -105,14 +111,14 @@ def _damped_step(J: casadi.SX, error: casadi.SX, inverse_weights: casadi.SX, dam
     return J.T @ x if n >= rows else x
 
 
-def iteration(robot: RobotModel) -> casadi.Function:
-    """Return the function (state, target and tolerance, limits) -> state of one Levenberg-Marquardt step."""
+def _iteration(robot: RobotModel) -> casadi.Function:
+    """Return the function (state, target, bounds) -> state of one Levenberg-Marquardt step."""
     n = robot.n
-    rows = casadi.SX.sym("state", n + STATE_ROWS)
+    rows = casadi.SX.sym("state", n + 5)
     target = casadi.SX.sym("target", 8)
-    limits = casadi.SX.sym("limits", 2 * n)
-    lower, upper = limits[:n], limits[n:]
-    state = _State.unpack(rows, n)
+    bounds = casadi.SX.sym("bounds", 2 * n)
+    lower, upper = bounds[:n], bounds[n:]
+    state = _State.unpack(rows)
     R, p, J = chain(robot, state.q)
     error = casadi.vertcat(target[4:7] - p, rotation_vector(rotation_matrix(target[:4]) @ R.T))
     inverse_weights = casadi.SX([1.0] * 3 + [LENGTH**-2] * 3)
@@ -126,40 +132,94 @@ def iteration(robot: RobotModel) -> casadi.Function:
     residual = casadi.norm_inf(error)
     stalled = casadi.if_else(fell, 0, state.stalled + 1)
     hopeless = casadi.logic_or(stalled > PATIENCE, state.iterations >= ITERATIONS - 1)
-    status = casadi.if_else(residual <= target[7], SOLVED, casadi.if_else(hopeless, GIVEN_UP, RUNNING))
+    status = casadi.if_else(residual <= target[7], _SOLVED, casadi.if_else(hopeless, _GIVEN_UP, _RUNNING))
     moved = casadi.fmin(casadi.fmax(state.q + step, lower), upper)
     after = _State(
         # The residual belongs to the posture that is returned, so the last iteration does not move.
-        q=casadi.if_else(status == RUNNING, moved, state.q),
+        q=casadi.if_else(status == _RUNNING, moved, state.q),
         status=status,
+        residual=residual,
+        iterations=state.iterations + 1,
         least=casadi.if_else(fell, cost, state.least),
         stalled=stalled,
-        iterations=state.iterations + 1,
-        residual=residual,
     )
-    return casadi.Function("iteration", [rows, target, limits], [casadi.densify(after.pack())])
+    return casadi.Function("iteration", [rows, target, bounds], [after.pack()])
 
 
-def _repeat_while_running(step: casadi.Function, times: int, n: int, name: str) -> casadi.Function:
-    """Return the function that applies ``step`` ``times`` times, or until the attempt has ended."""
+def _repeated(step: casadi.Function, times: int, name: str) -> casadi.Function:
+    """Return the function that applies ``step`` ``times`` times, or until the attempt is no longer running."""
     arguments = [casadi.MX.sym(step.name_in(i), step.sparsity_in(i)) for i in range(step.n_in())]
     state, *others = arguments
+    n = state.shape[0] - 5
     unchanged = casadi.Function(f"{name}_unchanged", arguments, [state])
-    by_status = casadi.Function.conditional(f"{name}_by_status", [unchanged, step], unchanged)
+    by_status = casadi.Function.conditional(f"{name}_by_status", [step], unchanged)
     for _ in range(times):
         state = by_status(state[n], state, *others)
     return casadi.Function(name, arguments, [state])
 
 
-def attempt(robot: RobotModel) -> casadi.Function:
-    """Return the function (state, target, limits) -> state of one attempt, from its start to its end.
+def _unwound(q: casadi.SX, seed: casadi.SX, lower: casadi.SX, upper: casadi.SX) -> casadi.SX:
+    """Return angles that differ by full turns: inside the limits, and there as near to the seed as can be.
 
-    * state (n + STATE_ROWS), in and out: posture; status (`IDLE`, `RUNNING`, `SOLVED`, `GIVEN_UP`); least
-      cost so far, infinite at the start; iterations since it last fell; iterations; and the residual: the
-      largest component of the pose error [m or rad] at the posture. Starts must lie inside the limits.
-    * target (8): unit quaternion w, x, y, z, position [m], tolerance of the residual.
-    * limits (2 n): lower, then upper positions, infinite where there are none.
+    Where the limits leave no room for a full turn, there is none to take off.
     """
-    block = _repeat_while_running(iteration(robot), _BLOCK, robot.n, "block")
-    blocks = _repeat_while_running(block, ITERATIONS // _BLOCK, robot.n, "blocks")
-    return _repeat_while_running(blocks, 1, robot.n, "attempt")
+    turn = 2.0 * np.pi
+    wanted = casadi.floor((q - seed) / turn + 0.5)
+    least, most = casadi.ceil((q - upper) / turn), casadi.floor((q - lower) / turn)
+    return q - turn * casadi.fmax(casadi.fmin(wanted, most), least)
+
+
+def _attempt(robot: RobotModel) -> casadi.Function:
+    """Return the function (best, target, seed, start, bounds, limits) -> best of one attempt, see `search`."""
+    n = robot.n
+    best, q = casadi.SX.sym("best", n + 3), casadi.SX.sym("q", n)
+    seed, limits = casadi.SX.sym("seed", n), casadi.SX.sym("limits", 2 * n)
+    begin = casadi.Function("begin", [q], [_State.start(q).pack()])
+    rows = casadi.SX.sym("state", n + 5)
+    state = _State.unpack(rows)
+    turns = _unwound(state.q, seed, limits[:n], limits[n:])
+    posture = [state.q[i] if axis_of(robot, i)[1] else turns[i] for i in range(n)]
+    # Taking off turns leaves rounding, which must not lead out of the limits.
+    inside = casadi.fmin(casadi.fmax(casadi.vertcat(*posture), limits[:n]), limits[n:])
+    better = state.residual < best[n]
+    found = casadi.vertcat(inside, state.residual, state.status == _SOLVED)
+    kept = casadi.vertcat(casadi.if_else(better, found, best[: n + 2]), best[n + 2] + state.iterations)
+    end = casadi.Function("end", [rows, best, seed, limits], [kept])
+    run = _repeated(_repeated(_iteration(robot), _BLOCK, "block"), ITERATIONS // _BLOCK, "blocks")
+    sizes = {"best": n + 3, "target": 8, "seed": n, "start": n, "bounds": 2 * n, "limits": 2 * n}
+    inputs = [casadi.MX.sym(name, size) for name, size in sizes.items()]
+    mx_best, target, mx_seed, start, bounds, mx_limits = inputs
+    ended = run(begin(start), target, bounds)
+    return casadi.Function("attempt", inputs, [end(ended, mx_best, mx_seed, mx_limits)])
+
+
+def search(robot: RobotModel) -> casadi.Function:
+    """Return the function (best, target, seed, starts, count, bounds, limits) -> best of attempts at one pose.
+
+    * best (n + 3), in and out: the posture of least residual so far; its residual, the largest component of the
+      pose error there [m or rad], infinite at first; whether it is within tolerance; iterations so far.
+    * target (8): unit quaternion w, x, y, z, position [m], tolerance of the residual.
+    * seed (n): turning joints end within half a turn of it, as far as the limits permit.
+    * starts (n, `STARTS`), count: postures inside the bounds; the first ``count`` are tried until one succeeds.
+    * bounds (2 n): lower, then upper positions that the iterations observe. A joint that can make a full turn
+      needs none.
+    * limits (2 n): lower, then upper positions that the result observes, infinite where there are none.
+    """
+    n = robot.n
+    sizes = {"best": n + 3, "target": 8, "seed": n}
+    best, target, seed = (casadi.MX.sym(name, size) for name, size in sizes.items())
+    starts, count = casadi.MX.sym("starts", n, STARTS), casadi.MX.sym("count")
+    bounds, limits = casadi.MX.sym("bounds", 2 * n), casadi.MX.sym("limits", 2 * n)
+    inputs = [best, target, seed, starts, count, bounds, limits]
+    attempt = _attempt(robot)
+    arguments = [casadi.MX.sym(f"x{i}", attempt.sparsity_in(i)) for i in range(attempt.n_in())]
+    unchanged = casadi.Function("attempt_unchanged", arguments, [arguments[0]])
+    guarded = casadi.Function.if_else("attempt_guarded", attempt, unchanged)
+    after = best
+    for k in range(STARTS):
+        wanted = casadi.logic_and(k < count, casadi.logic_not(after[n + 1]))
+        after = guarded(wanted, after, target, seed, starts[:, k], bounds, limits)
+    tried = casadi.Function("tried", inputs, [after])
+    idle = casadi.Function("idle", inputs, [best])
+    # Without this a place left empty in a batch would cost a look at every start.
+    return casadi.Function("search", inputs, [casadi.Function.if_else("any", tried, idle)(count, *inputs)])

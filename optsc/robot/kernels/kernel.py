@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 import warnings
 from collections.abc import Callable, Sequence
@@ -30,7 +31,7 @@ class Kernel:
         run: evaluates `outputs` from `inputs`; not for several threads at once.
     """
 
-    __slots__ = ("_buffer", "_lock", "compiled", "function", "inputs", "outputs", "run")
+    __slots__ = ("_lock", "compiled", "function", "inputs", "outputs", "run")
 
     run: Callable[[], None]
 
@@ -38,14 +39,16 @@ class Kernel:
         self.function, self.compiled = function, compiled
         self.inputs = tuple(_allocated(function.sparsity_in(i)) for i in range(function.n_in()))
         self.outputs = tuple(_allocated(function.sparsity_out(i)) for i in range(function.n_out()))
-        # The evaluator keeps the addresses of the buffers, so it lives and dies with them.
         bound: Any
-        bound, self.run = function.buffer()
-        self._buffer = bound
+        bound, evaluate = function.buffer()
         for i, array in enumerate(self.inputs):
             bound.set_arg(i, array.reshape(-1, order="F").data)
         for i, array in enumerate(self.outputs):
             bound.set_res(i, array.reshape(-1, order="F").data)
+        run: Any = functools.partial(evaluate)
+        # The evaluator knows bare addresses, so whoever holds `run` has to hold what they belong to.
+        run.held = (bound, self.inputs, self.outputs)
+        self.run = run
         self._lock = threading.Lock()
 
     @property
@@ -87,6 +90,7 @@ class BatchKernel:
         self._items = [_rows(buffer, size) for buffer in kernel.inputs[: kernel.n_in - shared]]
         self._shared = kernel.inputs[kernel.n_in - shared :]
         self._results = [_rows(buffer, size) for buffer in kernel.outputs]
+        self._stale = 0
         self._lock = threading.Lock()
 
     @property
@@ -111,7 +115,8 @@ class BatchKernel:
                 used = min(self.size, count - start)
                 for rows, values in zip(self._items, items, strict=True):
                     rows[:used] = values[start : start + used]
-                    rows[used:] = 0.0
+                    rows[used : self._stale] = 0.0
+                self._stale = used
                 self._kernel.run()
                 for result, rows in zip(results, self._results, strict=True):
                     result[start : start + used] = rows[:used]

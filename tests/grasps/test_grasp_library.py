@@ -1,0 +1,322 @@
+"""Storing grasps, noticing damage, placing them in the world and building only what is missing."""
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optsc.errors import DamagedFile, InvalidValue, Mismatch, UnknownName
+from optsc.geometry import Pose, TriangleMesh, rotation
+from optsc.grasps import AntipodalSettings, GraspLibrary, GraspSet, build_library, library, storage
+from optsc.robot.gripper import PANDA_HAND
+
+
+def same(a: GraspSet, b: GraspSet) -> bool:
+    arrays = [(s.X_OG.quaternion, s.X_OG.translation, s.opening, s.quality) for s in (a, b)]
+    facts = [(s.object_name, s.object_hash, s.gripper, s.jaw_symmetric, dict(s.provenance)) for s in (a, b)]
+    return all(x.tobytes() == y.tobytes() for x, y in zip(*arrays, strict=True)) and facts[0] == facts[1]
+
+
+def rewrite(path: Path, change: Callable[[dict[str, np.ndarray]], None]) -> None:
+    """Change the entries of a file and give it a checksum that agrees again."""
+    with np.load(path) as archive:
+        entries = dict(archive)
+    entries.pop("checksum")
+    change(entries)
+    np.savez(path, **entries, checksum=storage._checksum(entries))  # type: ignore[arg-type]
+
+
+def set_description(entries: dict[str, np.ndarray], **change: object) -> None:
+    description = {**json.loads(entries["description"].tobytes()), **change}
+    entries["description"] = np.frombuffer(json.dumps(description).encode(), dtype=np.uint8)
+
+
+class TestFiles:
+    def test_a_stored_set_comes_back_bit_for_bit(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        path = storage.save_set(few_grasps, tmp_path / "new" / "folder")
+        assert same(storage.load_set(path), few_grasps)
+
+    def test_the_same_set_gives_the_same_file(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        first = storage.save_set(few_grasps, tmp_path / "a").read_bytes()
+        again = storage.load_set(tmp_path / "a" / "brick.grasps.npz")
+        assert storage.save_set(again, tmp_path / "b").read_bytes() == first
+
+    def test_any_flipped_byte_is_noticed_or_harmless(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        path = storage.save_set(few_grasps, tmp_path)
+        content = path.read_bytes()
+        noticed = 0
+        for position in range(0, len(content), 5):
+            path.write_bytes(content[:position] + bytes([content[position] ^ 0xFF]) + content[position + 1 :])
+            try:
+                assert same(storage.load_set(path), few_grasps)
+            except DamagedFile as error:
+                assert str(path) in str(error)
+                noticed += 1
+        assert noticed > len(content) / 5 / 2
+
+    def test_a_file_cut_short_anywhere_is_damaged(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        path = storage.save_set(few_grasps, tmp_path)
+        content = path.read_bytes()
+        for length in range(0, len(content), 101):
+            path.write_bytes(content[:length])
+            with pytest.raises(DamagedFile, match=r"brick\.grasps\.npz"):
+                storage.load_set(path)
+
+    @pytest.mark.parametrize("content", [b"", b"hello", b"PK\x03\x04", np.zeros(3).tobytes()])
+    def test_what_is_no_grasp_file_is_damaged(self, tmp_path: Path, content: bytes) -> None:
+        path = tmp_path / "x.grasps.npz"
+        path.write_bytes(content)
+        with pytest.raises(DamagedFile, match=r"x\.grasps\.npz"):
+            storage.load_set(path)
+
+    def test_other_numpy_files_are_damaged(self, tmp_path: Path) -> None:
+        path = tmp_path / "x.grasps.npz"
+        np.savez(path, something=np.zeros(3))
+        with pytest.raises(DamagedFile, match="no grasp file"):
+            storage.load_set(path)
+        with path.open("wb") as file:
+            np.save(file, np.zeros(3))
+        with pytest.raises(DamagedFile, match="no grasp file"):
+            storage.load_set(path)
+        with pytest.raises(DamagedFile, match="cannot be read"):
+            storage.load_set(tmp_path / "missing.grasps.npz")
+
+    @pytest.mark.parametrize(
+        ("entry", "value", "word"),
+        [
+            ("translation", np.nan, "position"),
+            ("quaternion", np.nan, "orientation"),
+            ("quaternion", 3.0, "orientation"),
+            ("opening", np.inf, "opening"),
+            ("quality", 1.5, "quality"),
+        ],
+    )
+    def test_impossible_numbers_are_found_even_with_a_right_checksum(
+        self, tmp_path: Path, few_grasps: GraspSet, entry: str, value: float, word: str
+    ) -> None:
+        path = storage.save_set(few_grasps, tmp_path)
+
+        def spoil(entries: dict[str, np.ndarray]) -> None:
+            entries[entry] = entries[entry].copy()
+            entries[entry].flat[0] = value
+
+        rewrite(path, spoil)
+        with pytest.raises(DamagedFile, match=word):
+            storage.load_set(path)
+
+    def test_arrays_of_different_lengths_are_found(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        for entry in ("translation", "quaternion", "opening", "quality"):
+            path = storage.save_set(few_grasps, tmp_path)
+            rewrite(path, lambda entries, entry=entry: entries.update({entry: entries[entry][1:]}))  # type: ignore[misc]
+            with pytest.raises(DamagedFile, match="shape"):
+                storage.load_set(path)
+
+    def test_a_file_from_a_later_version_says_so(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        path = storage.save_set(few_grasps, tmp_path)
+        rewrite(path, lambda entries: set_description(entries, format=storage.FORMAT + 1))
+        with pytest.raises(InvalidValue, match="later version"):
+            storage.load_set(path)
+
+    @pytest.mark.parametrize("change", [{"format": "one"}, {"gripper": None}, {"provenance": 3}])
+    def test_an_incomplete_description_is_damage(
+        self, tmp_path: Path, few_grasps: GraspSet, change: dict[str, object]
+    ) -> None:
+        path = storage.save_set(few_grasps, tmp_path)
+        rewrite(path, lambda entries: set_description(entries, **change))
+        with pytest.raises(DamagedFile, match=next(iter(change))):
+            storage.load_set(path)
+
+    def test_a_write_that_fails_leaves_the_old_file_and_no_other(
+        self, tmp_path: Path, few_grasps: GraspSet, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        path = storage.save_set(few_grasps, tmp_path)
+
+        def fail(*_: object) -> None:
+            raise OSError("disk full")
+
+        monkeypatch.setattr(os, "replace", fail)
+        with pytest.raises(OSError, match="disk full"):
+            storage.save_set(replace(few_grasps, quality=np.zeros(len(few_grasps))), tmp_path)
+        assert same(storage.load_set(path), few_grasps)
+        assert list(tmp_path.iterdir()) == [path]
+
+    @pytest.mark.parametrize("name", ["", "../mug", "a/b", ".hidden", "mug\n"])
+    def test_a_name_cannot_lead_out_of_the_directory(
+        self, tmp_path: Path, few_grasps: GraspSet, name: str
+    ) -> None:
+        with pytest.raises(InvalidValue, match="object name"):
+            storage.save_set(replace(few_grasps, object_name=name), tmp_path)
+
+
+class TestSet:
+    def test_arrays_cannot_be_changed(self, few_grasps: GraspSet) -> None:
+        for array in (few_grasps.opening, few_grasps.quality, few_grasps.X_OG.translation):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 1.0
+        with pytest.raises(TypeError):
+            few_grasps.provenance["seed"] = 3  # type: ignore[index]
+
+    def test_a_single_pose_and_a_wrong_length_are_refused(self, few_grasps: GraspSet) -> None:
+        with pytest.raises(InvalidValue, match="batch shape"):
+            replace(few_grasps, X_OG=Pose.identity())
+        with pytest.raises(InvalidValue, match="opening"):
+            replace(few_grasps, opening=few_grasps.opening[1:])
+
+
+class TestLibrary:
+    def other(self, grasps: GraspSet, **change: object) -> GraspSet:
+        return replace(grasps, **{"object_name": "other", **change})  # type: ignore[arg-type]
+
+    def test_what_is_saved_is_loaded(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        both = GraspLibrary({"brick": few_grasps, "other": self.other(few_grasps)})
+        both.save(tmp_path)
+        loaded = GraspLibrary.load(tmp_path, PANDA_HAND)
+        assert set(loaded) == {"brick", "other"}
+        assert all(same(loaded[name], both[name]) for name in both)
+        assert loaded.gripper == "panda_hand"
+
+    def test_a_library_for_another_gripper_is_a_mismatch(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        GraspLibrary({"brick": few_grasps}).save(tmp_path)
+        with pytest.raises(Mismatch, match=r"brick.*panda_hand.*two_fingers"):
+            GraspLibrary.load(tmp_path, replace(PANDA_HAND, name="two_fingers"))
+
+    def test_sets_for_different_grippers_make_no_library(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        storage.save_set(few_grasps, tmp_path)
+        storage.save_set(self.other(few_grasps, gripper="two_fingers"), tmp_path)
+        with pytest.raises(Mismatch, match="two_fingers"):
+            GraspLibrary.load(tmp_path)
+
+    def test_an_empty_or_missing_directory_is_no_library(self, tmp_path: Path) -> None:
+        for directory in (tmp_path, tmp_path / "missing"):
+            with pytest.raises(DamagedFile, match="no grasp library"):
+                GraspLibrary.load(directory)
+
+    def test_a_renamed_file_is_noticed(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        storage.save_set(few_grasps, tmp_path).rename(tmp_path / "mug.grasps.npz")
+        with pytest.raises(DamagedFile, match="brick"):
+            GraspLibrary.load(tmp_path)
+
+    def test_it_is_a_mapping_whose_lookup_error_lists_what_there_is(self, few_grasps: GraspSet) -> None:
+        one = GraspLibrary({"brick": few_grasps})
+        assert "brick" in one
+        assert "mug" not in one
+        assert one.get("mug") is None
+        with pytest.raises(UnknownName, match=r"mug.*brick"):
+            one["mug"]
+
+    def test_placing_moves_every_grasp_with_its_object(self, few_grasps: GraspSet) -> None:
+        both = GraspLibrary({"brick": few_grasps, "other": self.other(few_grasps)})
+        rng = np.random.default_rng(0)
+        X_WO = {n: Pose(rotation.random(rng), rng.normal(size=3)) for n in ("other", "brick")}
+        placed, count = both.place(X_WO), len(few_grasps)
+        assert placed.object_names == ("other", "brick")
+        assert placed.object_index.tolist() == [0] * count + [1] * count
+        assert placed.grasp_index.tolist() == [*range(count)] * 2
+        for i in range(2 * count):
+            name = placed.object_names[placed.object_index[i]]
+            grasp = both[name].X_OG[placed.grasp_index[i]]
+            assert placed.X_WG[i].almost_equal(X_WO[name] @ grasp, 1e-12)
+        assert np.array_equal(placed.opening, np.tile(few_grasps.opening, 2))
+        assert placed.jaw_symmetric
+
+    def test_only_the_objects_that_are_there_are_placed(self, few_grasps: GraspSet) -> None:
+        both = GraspLibrary({"brick": few_grasps, "other": self.other(few_grasps)})
+        assert both.place({"other": Pose.identity()}).object_names == ("other",)
+        nothing = both.place({})
+        assert len(nothing) == 0
+        assert nothing.X_WG.quaternion.shape == (0, 4)
+
+    def test_placing_an_object_without_grasps_or_at_many_poses_is_refused(self, few_grasps: GraspSet) -> None:
+        one = GraspLibrary({"brick": few_grasps})
+        with pytest.raises(UnknownName, match=r"mug.*brick"):
+            one.place({"mug": Pose.identity()})
+        with pytest.raises(InvalidValue, match="pose of brick"):
+            one.place({"brick": Pose.identity((2,))})
+
+
+class TestBuilding:
+    @pytest.fixture
+    def built(self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings) -> GraspLibrary:
+        return build_library({"brick": brick}, PANDA_HAND, seed=1, directory=tmp_path, settings=few)
+
+    @pytest.fixture
+    def sampled(self, built: GraspLibrary, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+        """Names of the objects that are sampled after the library was built once."""
+        names: list[str] = []
+
+        def spy(*_: object, name: str, **__: object) -> GraspSet:
+            names.append(name)
+            return replace(built["brick"], object_name=name)
+
+        monkeypatch.setattr(library, "sample_grasps", spy)
+        return names
+
+    def test_what_is_built_is_what_sampling_gives(self, built: GraspLibrary, few_grasps: GraspSet) -> None:
+        assert same(built["brick"], few_grasps)
+
+    def test_a_stored_set_is_taken_when_everything_agrees(
+        self,
+        tmp_path: Path,
+        brick: TriangleMesh,
+        few: AntipodalSettings,
+        built: GraspLibrary,
+        sampled: list[str],
+    ) -> None:
+        calls: list[tuple[str, int, int]] = []
+        again = build_library(
+            {"brick": brick},
+            PANDA_HAND,
+            seed=1,
+            directory=tmp_path,
+            settings=few,
+            progress=lambda *a: calls.append(a),
+        )
+        assert sampled == []
+        assert same(again["brick"], built["brick"])
+        assert calls == [("brick", 1, 1)]
+
+    @pytest.mark.parametrize(
+        "what", ["seed", "settings", "mesh", "gripper name", "gripper shape", "damage", "name"]
+    )
+    def test_anything_that_differs_makes_it_sample_anew(
+        self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, sampled: list[str], what: str
+    ) -> None:
+        hand, mesh, seed, name = PANDA_HAND, brick, 1, "brick"
+        if what == "seed":
+            seed = 2
+        elif what == "settings":
+            few = replace(few, clearance=0.004)
+        elif what == "mesh":
+            mesh = TriangleMesh(brick.vertices * 1.01, brick.faces)
+        elif what == "gripper name":
+            hand = replace(PANDA_HAND, name="two_fingers")
+        elif what == "gripper shape":
+            hand = replace(PANDA_HAND, body=PANDA_HAND.body * 1.01)
+        elif what == "damage":
+            (tmp_path / "brick.grasps.npz").write_bytes(b"nonsense")
+        else:
+            name = "stone"
+        build_library({name: mesh}, hand, seed=seed, directory=tmp_path, settings=few)
+        assert sampled == [name]
+        assert (tmp_path / f"{name}.grasps.npz").exists()
+
+    def test_a_file_from_a_later_version_is_not_overwritten(
+        self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, sampled: list[str]
+    ) -> None:
+        path = tmp_path / "brick.grasps.npz"
+        rewrite(path, lambda entries: set_description(entries, format=storage.FORMAT + 1))
+        before = path.read_bytes()
+        with pytest.raises(InvalidValue, match="later version"):
+            build_library({"brick": brick}, PANDA_HAND, seed=1, directory=tmp_path, settings=few)
+        assert path.read_bytes() == before
+
+    def test_without_a_directory_nothing_is_stored(
+        self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        build_library({"brick": brick}, PANDA_HAND, seed=1, settings=few)
+        assert list(tmp_path.iterdir()) == []
