@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from optsc.control.activities import Activity, Closing, Following, HandInput, Resting, Standing, Travelling
 from optsc.control.approach import Approach
 from optsc.control.modes import Event, Mode, next_mode
+from optsc.control.rollout import can_travel
 from optsc.control.servo import Command, Servo, ServoSettings
 from optsc.errors import InvalidValue
 from optsc.followers.protocol import FollowerState
@@ -24,6 +25,12 @@ from optsc.selection.reach import ClearRows
 
 RANKING_PERIOD = 0.02
 """How often the candidates are ranked against the moving hand [s]; a display shows no more."""
+IDLE_ROWS = 4
+"""Grasps solved anew between two rankings, those from the most distant posture first."""
+DECISION_ROWS = 64
+"""Finalists solved anew at most when the trigger is pressed: what is chosen then must be right."""
+CHOICES = 12
+"""How many grasps are looked at, best first, for one that the arm can go to on a straight way."""
 LARGEST_LAG = 0.3
 """Difference of measured and commanded joint position [rad] that means the arm does not follow."""
 
@@ -97,7 +104,7 @@ class SharedController:
         self._stamp: float | None = None
         self._candidates: Candidates | None = None
         self.ranking: Ranking | None = None
-        self._ranked = -np.inf
+        self._ranked, self._refreshed = -np.inf, True
         self._target: Target | None = None
         self._opening = self._open
 
@@ -132,8 +139,9 @@ class SharedController:
         fault = self._fault(measured)
         if fault:
             event, reason = Event.FAULT, fault
-        if event is Event.TRIGGERED and self.mode is Mode.MANUAL and not self._choose():
-            event, reason = None, "no grasp can be reached"
+        if event is Event.TRIGGERED and self.mode is Mode.MANUAL:
+            refusal = self._choose()
+            event, reason = (None, refusal) if refusal else (event, reason)
         self._change(event)
         time, mode = self.time, self.mode
         outcome = self._activity.step(self.servo, HandInput(self._hand, new, self._clutch), measured.opening)
@@ -181,24 +189,40 @@ class SharedController:
         return ""
 
     def _rank_if_due(self) -> None:
-        if self._candidates is not None and self.time - self._ranked >= RANKING_PERIOD:
+        if self._candidates is None:
+            return
+        if self.time - self._ranked >= RANKING_PERIOD:
             self._rank()
+        elif not self._refreshed:
+            # Between two rankings, grasps that were out of reach from where the arm stood get another chance.
+            self.selector.refresh_oldest(self.servo.guard.q, IDLE_ROWS)
+            self._refreshed = True
 
-    def _rank(self) -> None:
+    def _rank(self, refresh_limit: int | None = None) -> None:
         p, q = self.servo.reference
         X_WT = Pose(np.array(q), np.array(p))
-        self.ranking, self._ranked = self.selector.rank(X_WT, self.servo.guard.q.copy()), self.time
+        self.ranking = self.selector.rank(X_WT, self.servo.guard.q.copy(), refresh_limit=refresh_limit)
+        self._ranked, self._refreshed = self.time, False
 
-    def _choose(self) -> bool:
-        """Rank against the hand as it is now and fix the target; False when there is none."""
+    def _choose(self) -> str:
+        """Rank against the hand as it is now and fix the target; otherwise say why there is none.
+
+        The target is the best grasp that the arm can go to on the straight way it will be sent along.
+        """
         if self._candidates is None:
-            return False
-        self._rank()
+            return "there are no grasps"
+        self._rank(refresh_limit=DECISION_ROWS)
         ranking = self.ranking
         if ranking is None or ranking.best is None:
-            return False
-        self._target = ranking.target(ranking.best)
-        return True
+            return "no grasp can be reached"
+        p, q = self.servo.reference
+        start, posture = Pose(np.array(q), np.array(p)), self.servo.guard.q.copy()
+        for candidate in ranking.of(ranking.best)[:CHOICES]:
+            target = ranking.target_of(int(candidate))
+            if can_travel(self.robot, self.approach, posture, [start, target.X_WP, target.X_WG]):
+                self._target = target
+                return ""
+        return f"no grasp of the {ranking.best} can be reached on a straight way"
 
     def _change(self, event: Event | None) -> None:
         mode = next_mode(self.mode, event)

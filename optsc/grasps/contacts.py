@@ -50,10 +50,9 @@ def pad_contacts(
     between &= np.abs(points_T[1]) < half[1]
     pose, point = np.nonzero(between)
     x, y, z = points_T[:, pose, point]
-    highest, lowest = np.full((2, count), -np.inf, dtype=np.float32)
+    highest, lowest = np.full(count, -half[1]), np.full(count, half[1])
     np.maximum.at(highest, pose, y)
-    np.maximum.at(lowest, pose, -y)
-    lowest = -lowest
+    np.minimum.at(lowest, pose, y)
     closing_axis = X_OG.rotation_matrix()[:, :, 1]
     cosine = np.einsum("pi,pi->p", surface.normals[point], closing_axis[pose])
     area = surface.areas[point] / (gripper.pad_size[0] * gripper.pad_size[1])
@@ -67,10 +66,9 @@ def pad_contacts(
         aligned = sign * np.einsum("ki,ki->k", normal, closing_axis) / length
         sides.append((total, np.maximum(abs(x_mean) / half[0], abs(z_mean) / half[2]), aligned))
     (a, a_off, a_cos), (b, b_off, b_cos) = sides
-    found = np.bincount(pose, minlength=count) > 0
     return PadContacts(
-        width=np.where(found, highest - lowest, 0.0),
-        offset=np.where(found, 0.5 * (highest + lowest), 0.0),
+        width=np.maximum(0.0, highest - lowest),  # below zero where nothing was found
+        offset=0.5 * (highest + lowest),
         coverage=np.minimum(1.0, np.minimum(a, b)),
         eccentricity=np.maximum(a_off, b_off),
         alignment=np.minimum(a_cos, b_cos),

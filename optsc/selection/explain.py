@@ -76,7 +76,7 @@ def ranking(ranked: Ranking) -> str:
     """Return what was chosen for every object, and how."""
     lines = [] if not ranked.reason else [f"Kept from an earlier call: {ranked.reason}."]
     if ranked.best is not None:
-        lines.append(f"Nearest to the hand: {ranked.best}.")
+        lines.append(f"The hand points at: {ranked.best}.")
     lines += [_object(ranked, k, name) for k, name in enumerate(ranked.object_names)]
     if ranked.stale:
         lines.append("Some grasps are judged by where the arm stood a moment ago.")

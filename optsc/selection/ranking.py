@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import acos, dist, inf
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -15,14 +14,17 @@ from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.selection import explain
-from optsc.selection.costs import GraspCost
+from optsc.selection.costs import GraspCost, PoseDistance
 from optsc.selection.filters import GraspFilter
 from optsc.selection.grid import Grid, Situation, situate
 from optsc.selection.reach import REASONS
 from optsc.selection.rules import Rule, Selection
 
-METRES_PER_RADIAN = 0.15
-"""What a radian counts for when objects are compared: the reach of a gripper, as in the pose distance."""
+AIM = PoseDistance(position=(1.0, 1.0, 0.1), rotation=(1.0, 1.0, 0.25))
+"""How far a grasp is from what the hand points at (ours): the way along the approach is travelled anyway, and counts
+little; so does roll. The object with the least is the one that is meant."""
+TIE = 1e-9
+"""Objects whose squared distances differ by less than this share are equally near."""
 
 
 class Target(NamedTuple):
@@ -91,8 +93,8 @@ class Ranking:
 
     Attributes:
         chosen: object name -> candidate index of its best grasp, None where none is admissible.
-        best: the object whose chosen grasp is nearest to the tool (position distance + 0.15 m/rad times
-            angle); None where nothing is chosen. Of two equally near the first by name.
+        best: the object that the hand points at: the one with the admissible grasp of least `AIM` distance; None
+            where nothing is chosen. Of two equally near the first by name.
         stale: whether some grasp in the final choice was judged by a posture that belongs to another posture
             of the arm, because the work of one call is bounded; the next calls catch up.
         reason: "" or why this ranking is empty or that of an earlier call.
@@ -113,24 +115,19 @@ class Ranking:
     @classmethod
     def of_decision(cls, inputs: Inputs, situation: Situation, selection: Selection, stale: bool) -> Ranking:
         """Return the ranking of what `decide` made of ``inputs``."""
-        grid, layout = inputs.grid, inputs.grid.layout
+        layout = inputs.grid.layout
         width = layout.index.shape[1]
         places = [k * width + max(column, 0) for k, column in enumerate(selection.winner)]
         candidates = layout.index.ravel()[places].tolist()
-        similarities = situation.similarity.ravel()[places].tolist()
-        positions = grid.positions.reshape(3, -1)[:, places].T.tolist()
         turned = situation.turned
         twins = (0,) * len(places) if turned is None else turned.ravel()[places].astype(int).tolist()
-        chosen: dict[str, int | None] = dict.fromkeys(layout.names)
-        best, nearest, hand = None, inf, inputs.position.tolist()
-        for k, name in enumerate(layout.names):
-            if selection.winner[k] < 0:
-                continue
-            chosen[name] = candidates[k]
-            angle = 2.0 * acos(min(1.0, similarities[k]))
-            distance = dist(hand, positions[k]) + METRES_PER_RADIAN * angle
-            if distance < nearest:
-                best, nearest = name, distance
+        won = [column >= 0 for column in selection.winner]
+        chosen = {name: candidates[k] if won[k] else None for k, name in enumerate(layout.names)}
+        # Which object is meant must not depend on the rule that chooses among its grasps.
+        squares = np.where(selection.survivors[0], AIM.key(situation), np.inf).min(axis=1, initial=np.inf)
+        # Rounding must not decide between equals: it depends on the world frame, and the first by name does not.
+        equal = squares <= squares.min(initial=np.inf) * (1.0 + TIE)
+        best = layout.names[int(np.argmax(equal))] if any(won) else None
         return cls(MappingProxyType(chosen), best, stale, "", inputs, tuple(twins))
 
     @property

@@ -49,7 +49,7 @@ class Strategy:
     rule: Rule
 
 
-PAPER = Strategy("paper", "hand and manipulability (the paper)", Cascade.paper())
+PAPER = Strategy("paper", "hand and manipulability", Cascade.paper())
 MANIPULABILITY_ONLY = Strategy("manipulability", "manipulability only", Cascade.manipulability_only())
 STRATEGIES = (PAPER, MANIPULABILITY_ONLY)
 

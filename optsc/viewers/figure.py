@@ -70,7 +70,7 @@ def approach_figure(
     left = _SCENE * len(situations) + 0.75
     draw_views(figure, (left, _FOOT, width - left - 0.2, panel_height), objects, colours, curves)
     _caption(figure, (left - 0.5, _FOOT + panel_height), len(situations), "the tool's way to the grasp")
-    draw_legend(figure, curves, at=((0.5 * (left + width) - 0.3) / width, 0.0))
+    draw_legend(figure, curves, at=(1.0, 0.0))
     if title is not None:
         figure.text(
             0.5, 1.0 - 0.15 / figure.get_figheight(), title, color=INK, fontsize=13, ha="center", va="top"

@@ -54,7 +54,7 @@ def draw_views(
 
 
 def draw_legend(figure: Any, curves: Sequence[Curve], at: tuple[float, float]) -> None:
-    """Draw the legend with its lower middle ``at`` this place of ``figure`` [shares of its size]."""
+    """Draw the legend with its lower right corner ``at`` this place of ``figure`` [shares of its size]."""
     from matplotlib.lines import Line2D
 
     handles = [
@@ -67,7 +67,7 @@ def draw_legend(figure: Any, curves: Sequence[Curve], at: tuple[float, float]) -
     ]
     figure.legend(
         handles=handles,
-        loc="lower center",
+        loc="lower right",
         bbox_to_anchor=at,
         ncols=2,
         frameon=False,

@@ -52,7 +52,7 @@ class TestSurface:
         assert np.allclose(centre_of_mass(tetrahedron), 0.025)
         shift = np.array([0.3, -0.2, 0.1])
         moved = TriangleMesh(brick.vertices + shift, brick.faces)
-        assert np.allclose(centre_of_mass(moved), shift + [0.0, 0.0, 0.04])
+        assert np.allclose(centre_of_mass(moved) - shift, [0.0, 0.0, 0.04])
 
     def test_an_open_surface_is_known_as_open_and_has_the_centre_of_its_area(
         self, brick: TriangleMesh

@@ -53,8 +53,7 @@ class TestFiles:
             path.write_bytes(content[:position] + bytes([content[position] ^ 0xFF]) + content[position + 1 :])
             try:
                 assert same(storage.load_set(path), few_grasps)
-            except DamagedFile as error:
-                assert str(path) in str(error)
+            except DamagedFile:
                 noticed += 1
         assert noticed > len(content) / 5 / 2
 

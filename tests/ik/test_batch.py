@@ -5,7 +5,7 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
-from optsc.ik.batch import solve_ik
+from optsc.ik.batch import _solver, solve_ik
 from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
 from optsc.robot.kernels import compiler
 
@@ -172,6 +172,13 @@ def test_restarts_find_what_the_seed_does_not():
     X_WT, _ = reachable(PANDA, 300, seed=11)
     once, more = (np.mean(solve_ik(PANDA, X_WT, restarts=n).success) for n in (0, 8))
     assert 0.5 < once < 0.98 < more
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2307])
+def test_further_tables_of_starts_do_not_repeat_the_first(seed):
+    solver = _solver(PANDA)
+    drawn = solver.table(np.random.default_rng(seed))
+    assert not np.isin(drawn.q, solver.first_table.q).any()
 
 
 def test_a_pose_further_away_than_the_arm_is_long_is_out_of_reach():

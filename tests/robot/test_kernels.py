@@ -48,7 +48,7 @@ ODD_ARM = """
 """
 
 
-@pytest.fixture()
+@pytest.fixture
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("OPTSC_CACHE", str(tmp_path))
     return tmp_path / "kernels"

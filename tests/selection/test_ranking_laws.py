@@ -272,16 +272,22 @@ def test_grippers_without_jaw_symmetry_have_no_twins():
     assert ranking.costs["orientation"][2] == pytest.approx(np.sqrt(2.0))
 
 
-def test_the_best_object_is_the_one_whose_chosen_grasp_is_nearest_to_the_tool():
+def aim(hand, grasp):
+    """How far a grasp is from what the hand points at, written once more with matrices."""
+    R = grasp.rotation_matrix()
+    p = R.T @ (hand.translation - grasp.translation)
+    r = rotation.log(rotation.multiply(rotation.conjugate(grasp.quaternion), hand.quaternion))
+    return np.sqrt(p @ (p * [1, 1, 0.1]) + 0.15**2 * r @ (r * [1, 1, 0.25]))
+
+
+@each_rule
+def test_the_best_object_is_the_one_that_the_hand_points_at_whatever_the_rule(rule):
     rng = np.random.default_rng(18)
     for _ in range(20):
         table, hand = random_table(rng, random_candidates(rng, (20, 20, 20))), random_hand(rng)
-        ranking = rank(table, hand)
-        targets = {name: ranking.target(name) for name in ranking.object_names}
+        ranking = rank(table, hand, rule)
         far = {
-            name: np.linalg.norm(t.X_WG.translation - hand.translation)
-            + 0.15 * rotation.angle(t.X_WG.quaternion, hand.quaternion)
-            for name, t in targets.items()
+            name: min(aim(hand, ranking.target_of(i).X_WG) for i in ranking.of(name)) for name in ranking.object_names
         }
         assert ranking.best == min(far, key=far.get)
         assert ranking.target().candidate == ranking.order[0]
@@ -331,7 +337,7 @@ def test_every_candidate_is_explained_with_its_object_its_fate_and_its_costs():
         assert (reason or "chosen") in text
         assert f"{ranking.costs['position'][i]:.3g} m" in text
     text = ranking.explain()
-    assert f"Nearest to the hand: {ranking.best}." in text
+    assert f"The hand points at: {ranking.best}." in text
     assert "-> 30 (orientation stage) -> 6 (position stage) -> 1 (manipulability stage)" in text
 
 

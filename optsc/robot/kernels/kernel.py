@@ -115,7 +115,8 @@ class BatchKernel:
                 used = min(self.size, count - start)
                 for rows, values in zip(self._items, items, strict=True):
                     rows[:used] = values[start : start + used]
-                    rows[used : self._stale] = 0.0
+                    if used < self._stale:
+                        rows[used : self._stale] = 0.0
                 self._stale = used
                 self._kernel.run()
                 for result, rows in zip(results, self._results, strict=True):

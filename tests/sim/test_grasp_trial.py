@@ -1,0 +1,102 @@
+"""Trying grasps in the simulator: good ones hold, bad ones fail for the reason that they were made bad for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optsc.errors import InvalidValue, Mismatch
+from optsc.geometry import Pose
+from optsc.grasps import AntipodalSettings, GraspSet, sample_grasps
+from optsc.robot import PANDA_HAND, urdf
+from optsc.sim.grasp_trial import TrialSettings, hand_description, try_grasps
+from optsc.sim.objects import OBJECT_NAMES, object_model
+
+
+def grasps_of(name: str, count: int = 2) -> GraspSet:
+    settings = AntipodalSettings(count=count, pool=2, spacing=0.003)
+    return sample_grasps(object_model(name).mesh, PANDA_HAND, name=name, seed=3, settings=settings)
+
+
+def with_poses(grasps: GraspSet, X_OG: Pose) -> GraspSet:
+    number = len(X_OG)
+    return replace(grasps, X_OG=X_OG, opening=np.full(number, 0.06), quality=np.ones(number))
+
+
+@pytest.fixture(scope="module")
+def side_grasp() -> GraspSet:
+    """The can's middle from the side, jaws horizontal."""
+    R = np.column_stack([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # x up, y sideways, z forwards
+    M = np.eye(4)
+    M[:3, :3], M[:3, 3] = R, [0.0, 0.0, 0.06]
+    return with_poses(grasps_of("can", 1), Pose.from_matrix(M[None]))
+
+
+@pytest.mark.parametrize("name", OBJECT_NAMES)
+def test_sampled_grasps_hold_without_bumping_the_object(name: str) -> None:
+    outcome = try_grasps(object_model(name), grasps_of(name))
+    assert outcome.lifted.tolist() == [True, True]
+    assert outcome.moved_before_closing.max() < 0.002
+    assert outcome.moved_by_closing.max() < 0.005
+    assert outcome.slip.max() < TrialSettings().max_slip
+
+
+def test_a_finger_in_the_way_bumps_the_object(side_grasp: GraspSet) -> None:
+    aside = with_poses(side_grasp, side_grasp.X_OG @ Pose.from_translation([0.0, 0.03, 0.0]))
+    outcome = try_grasps(object_model("can"), aside)
+    assert outcome.moved_before_closing[0] > 0.02
+
+
+def test_jaws_that_close_on_nothing_lift_nothing(side_grasp: GraspSet) -> None:
+    above = with_poses(side_grasp, side_grasp.X_OG @ Pose.from_translation([0.1, 0.0, 0.0]))
+    outcome = try_grasps(object_model("can"), above)
+    assert not outcome.lifted[0]
+    assert outcome.moved_before_closing[0] < 1e-3
+
+
+@pytest.mark.parametrize(("jaw_force", "held"), [(0.5, False), (12.0, True)])
+def test_a_can_is_held_when_friction_can_carry_its_weight(
+    side_grasp: GraspSet, jaw_force: float, held: bool
+) -> None:
+    can = object_model("can")
+    carried = 2 * can.friction * jaw_force / (can.mass * 9.81)
+    assert carried > 4.0 or carried < 0.25
+    outcome = try_grasps(can, side_grasp, TrialSettings(jaw_force=jaw_force))
+    assert outcome.lifted.tolist() == [held]
+
+
+def test_a_slippery_can_falls(side_grasp: GraspSet) -> None:
+    assert not try_grasps(replace(object_model("can"), friction=0.01), side_grasp).lifted[0]
+
+
+def test_the_outcome_of_a_grasp_does_not_depend_on_the_grasps_before_it(side_grasp: GraspSet) -> None:
+    bad = side_grasp.X_OG @ Pose.from_translation([0.0, 0.03, 0.0])
+    alone = try_grasps(object_model("can"), side_grasp)
+    after = try_grasps(object_model("can"), with_poses(side_grasp, Pose.concatenate([bad, side_grasp.X_OG])))
+    assert after.slip[1] == alone.slip[0]
+    assert after.moved_by_closing[1] == alone.moved_by_closing[0]
+
+
+def test_progress_counts_the_trials(side_grasp: GraspSet) -> None:
+    calls: list[tuple[str, int, int]] = []
+    try_grasps(object_model("can"), side_grasp, progress=lambda *a: calls.append(a))
+    assert calls == [("can", 1, 1)]
+
+
+def test_grasps_for_another_object_or_another_gripper_are_refused(side_grasp: GraspSet) -> None:
+    with pytest.raises(Mismatch, match="can"):
+        try_grasps(object_model("mug"), side_grasp)
+    with pytest.raises(Mismatch, match="two_fingers"):
+        try_grasps(object_model("can"), replace(side_grasp, gripper="two_fingers"))
+
+
+def test_the_hand_alone_has_the_two_jaws_and_its_tool_frame_between_the_pads() -> None:
+    path, X_HT = hand_description()
+    hand = urdf.read_urdf(path)
+    assert [j.get("name") for j in hand.findall("joint")] == list(PANDA_HAND.finger_joints)
+    assert X_HT.almost_equal(Pose.from_translation([0.0, 0.0, 0.1034]))
+
+
+def test_impossible_settings_are_refused_by_name() -> None:
+    with pytest.raises(InvalidValue, match="jaw_force"):
+        TrialSettings(jaw_force=-1.0)
