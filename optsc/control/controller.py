@@ -29,7 +29,7 @@ IDLE_ROWS = 4
 """Grasps solved anew between two rankings, those from the most distant posture first."""
 DECISION_ROWS = 64
 """Finalists solved anew at most when the trigger is pressed: what is chosen then must be right."""
-CHOICES = 12
+CHOICES = 40
 """How many grasps are looked at, best first, for one that the arm can go to on a straight way."""
 LARGEST_LAG = 0.3
 """Difference of measured and commanded joint position [rad] that means the arm does not follow."""

@@ -43,17 +43,18 @@ class AntipodalSettings:
     max_rounds: int = 60
 
     def __post_init__(self) -> None:
-        limits = {
-            "lowest_elevation": 1.57,
-            "standoff": 1.0,
-            "min_coverage": 1.0,
-            "max_eccentricity": 1.0,
-            "min_alignment": 1.0,
-        }
         for field in fields(self):
-            value, top = getattr(self, field.name), limits.get(field.name, 1e6)
-            at_least = 1 if isinstance(field.default, int) else 0.0
-            if not at_least <= value <= top:
-                raise InvalidValue(f"AntipodalSettings.{field.name}", value, f"{at_least} to {top:g}")
-        if self.spacing < 1e-4:
-            raise InvalidValue("AntipodalSettings.spacing", self.spacing, "at least 0.0001 m")
+            value = getattr(self, field.name)
+            low, high = _RANGES.get(
+                field.name, (1, 1_000_000) if isinstance(field.default, int) else (0.0, 1.0)
+            )
+            if not low <= value <= high:
+                raise InvalidValue(f"AntipodalSettings.{field.name}", value, f"{low:g} to {high:g}")
+
+
+_RANGES = {  # all others: counts from 1 up, shares and lengths [m] from 0 to 1
+    "friction": (0.01, 10.0),
+    "lowest_elevation": (0.0, 1.57),
+    "max_lever": (0.001, 1.0),
+    "spacing": (0.0001, 0.1),
+}

@@ -3,7 +3,7 @@
 Every pose is first tried from its seed, so that the branch found is the one that the arm would be driven to.
 What is left starts again from postures that already hold the tool near the pose: the nearest of a table of
 random postures. Each round takes all poses that are left through one compiled loop
-(`optsc.robot.kernels.attempt`).
+(`optsc.robot.kernels.search`).
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike
 
-from optsc.errors import InvalidValue, UnknownName
-from optsc.geometry import Pose, rotation
+from optsc.errors import DamagedFile, InvalidValue, UnknownName
+from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.robot.gripper import Gripper
 from optsc.robot.limits import JointLimits
@@ -80,13 +80,13 @@ class RobotModel:
     def forward(self, q: ArrayLike) -> Pose:
         """Return X_WT for postures ``q`` (..., n)."""
         q = self.checked(q)
-        matrices = np.array([self._placement(row) for row in q.reshape(-1, self.n)])
-        R = matrices[:, :3, :3].reshape(*q.shape[:-1], 3, 3)
-        return Pose(rotation.from_matrix(R), matrices[:, :3, 3].reshape(*q.shape[:-1], 3))
+        xyzquat = np.array([self._placement(row) for row in q.reshape(-1, self.n)]).reshape(*q.shape[:-1], 7)
+        return Pose(xyzquat[..., [6, 3, 4, 5]], xyzquat[..., :3])
 
     def _placement(self, q: Array) -> Array:
+        """Position and quaternion (x, y, z, w) of T: the order of pinocchio."""
         pinocchio.framesForwardKinematics(self.model, self._data, q)
-        return self._data.oMf[self.tip_id].homogeneous
+        return pinocchio.SE3ToXYZQUAT(self._data.oMf[self.tip_id])
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Return the Jacobian (6, n) of T at the posture ``q`` (n,): linear [m], then angular [rad], in W's axes."""
@@ -108,7 +108,8 @@ def _with_revolute_joints(root: Element) -> tuple[Element, set[str]]:
             names.add(joint.get("name", ""))
             joint.set("type", "revolute")
             limit = joint.find("limit")
-            limit = ElementTree.SubElement(joint, "limit", effort="0") if limit is None else limit
+            if limit is None:
+                limit = ElementTree.SubElement(joint, "limit", effort="0", velocity="0")
             limit.set("lower", "-1e6")
             limit.set("upper", "1e6")
     return root, names
@@ -168,7 +169,10 @@ def model_from_urdf(
     """
     path = Path(path)
     root, continuous = _with_revolute_joints(read_urdf(path))
-    full = pinocchio.buildModelFromXML(ElementTree.tostring(root, encoding="unicode"))
+    try:
+        full = pinocchio.buildModelFromXML(ElementTree.tostring(root, encoding="unicode"))
+    except ValueError as error:
+        raise DamagedFile(path, f"is no robot description that pinocchio understands ({error})") from None
     frames = [f.name for f in full.frames]
     if tip not in frames:
         raise UnknownName("frame", tip, frames)

@@ -23,7 +23,7 @@ from optsc.sim import Tabletop, tabletop
 from optsc.study.episode import STRATEGIES, Episode, Setting, Strategy, run_episode
 from optsc.viewers.figure import MANIPULABILITY_ONLY, PROPOSED, Curve, Situation, approach_figure, save_figure
 
-TAKE_OVER_AFTER = 1.2
+TAKE_OVER_AFTER = 0.8
 """How long after the trigger the operator of the demonstration steps in, once [s]: in the middle of the approach."""
 LIBRARY_SEED = 0
 """Libraries are stored and reused, so their seed is not the scene's."""

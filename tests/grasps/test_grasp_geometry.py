@@ -165,6 +165,14 @@ class TestContacts:
         # One millimetre deep, the pad covers 1 mm / sin(tilt) of the face.
         assert found["coverage"] == pytest.approx(0.001 / np.sin(tilt) / PANDA_HAND.pad_size[1], rel=0.3)
 
+    def test_a_face_outside_the_friction_cone_carries_no_load(self) -> None:
+        X_OG = Pose.from_rotation_vector([[np.radians(30.0), 0.0, 0.0]], np.zeros((1, 3)))
+        points_T = in_tool_frame(X_OG, self.surface.points)
+        load = [pad_contacts(points_T, self.surface, X_OG, PANDA_HAND, mu).coverage[0] for mu in (0.5, 0.7)]
+        assert np.degrees(np.arctan([0.5, 0.7])) == pytest.approx([26.6, 35.0], abs=0.1)
+        assert load[0] == 0.0
+        assert load[1] > 0.01
+
     def test_nothing_between_the_jaws_gives_zeros(self) -> None:
         found = self.contacts(self.surface, Pose.from_translation([[1.0, 0.0, 0.0]]))
         assert (found["width"], found["offset"], found["coverage"]) == (0.0, 0.0, 0.0)

@@ -57,6 +57,17 @@ class TestFiles:
                 noticed += 1
         assert noticed > len(content) / 5 / 2
 
+    def test_numbers_that_were_edited_do_not_agree_with_the_checksum(
+        self, tmp_path: Path, few_grasps: GraspSet
+    ) -> None:
+        path = storage.save_set(few_grasps, tmp_path)
+        with np.load(path) as archive:
+            entries = dict(archive)
+        entries["opening"] = entries["opening"] + 0.001
+        np.savez(path, **entries)  # type: ignore[arg-type]
+        with pytest.raises(DamagedFile, match="checksum"):
+            storage.load_set(path)
+
     def test_a_file_cut_short_anywhere_is_damaged(self, tmp_path: Path, few_grasps: GraspSet) -> None:
         path = storage.save_set(few_grasps, tmp_path)
         content = path.read_bytes()

@@ -16,7 +16,7 @@ from optsc.grasps.spread import pose_distance
 from optsc.grasps.surface import centre_of_mass, sample_surface
 from optsc.robot.gripper import PANDA_HAND
 from optsc.sim.objects import OBJECT_NAMES
-from optsc.sim.objects.solids import revolved
+from optsc.sim.objects.solids import hull, revolved
 
 GraspsOf = Callable[[str], GraspSet]
 Meshes = Mapping[str, TriangleMesh]
@@ -168,7 +168,8 @@ def test_a_mesh_in_millimetres_and_a_negative_seed_are_refused(brick: TriangleMe
 
 
 @pytest.mark.parametrize(
-    "change", [{"count": 0}, {"friction": float("nan")}, {"min_coverage": 1.5}, {"spacing": 0.0}]
+    "change",
+    [{"count": 0}, {"friction": float("nan")}, {"min_coverage": 1.5}, {"spacing": 0.0}, {"max_lever": 0.0}],
 )
 def test_impossible_settings_are_refused_by_name(change: dict[str, float]) -> None:
     with pytest.raises(InvalidValue, match=next(iter(change))):
@@ -192,6 +193,15 @@ def test_proposals_have_both_contacts_in_the_friction_cone(brick: TriangleMesh) 
     assert len(X_OG) > 500
     # Between parallel faces of a box both normals make the same angle with the closing axis.
     assert np.all(np.abs(closing).max(axis=1) >= cone_cosine(0.3) - 1e-12)
+
+
+def test_no_pair_of_contacts_is_proposed_on_faces_that_are_not_opposite() -> None:
+    corners = 0.03 * np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(3) / 3])
+    wedge = hull([[*corner, height] for corner in corners for height in (0.0, 0.04)])
+    X_OG = propose(wedge, PANDA_HAND, AntipodalSettings(friction=0.3), np.random.default_rng(0))
+    assert len(X_OG) > 300
+    # The three sides of the prism face each other at 60 degrees; only top and bottom are opposite.
+    assert np.all(np.abs(X_OG.rotation_matrix()[:, 2, 1]) >= cone_cosine(0.3) - 1e-12)
 
 
 def test_directions_within_a_cone_stay_in_it_and_are_of_unit_length() -> None:

@@ -98,6 +98,17 @@ def test_a_continuous_joint_has_one_number_and_no_end(tmp_path):
     np.testing.assert_allclose(robot.limits.acceleration, robot.limits.velocity / 0.2)
 
 
+def test_a_description_without_limits_needs_them_from_the_caller(tmp_path):
+    path = tmp_path / "stick.urdf"
+    path.write_text(CONTINUOUS.replace('<limit effort="1" velocity="2"/>', ""))
+    with pytest.raises(InvalidValue, match="velocity"):
+        load_robot(path, tip="tool")
+    assert load_robot(path, tip="tool", limits={"velocity": [1.0, 0.5]}).n == 2
+    path.write_text('<robot name="x"><joint name="j" type="revolute"/></robot>')
+    with pytest.raises(DamagedFile):
+        load_robot(path, tip="tool")
+
+
 def test_impossible_limits_are_refused(robot):
     with pytest.raises(InvalidValue, match="velocity"):
         load_robot(robot.name, limits={"velocity": [-1.0] * robot.n})

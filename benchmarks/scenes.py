@@ -1,0 +1,102 @@
+"""The paper's claim over many scenes: lifts, and paired differences between the two strategies.
+
+    python benchmarks/scenes.py --seeds 20 --output benchmarks/results/scenes.json
+
+Every seed is one run of ``optsc demo``: its own scene and operator, each object once per strategy. Differences are
+paired by seed and object, where both strategies reached a grasp of the object that was wanted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+from concurrent.futures import ProcessPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+MEASURES = ("path_length_m", "rotation_rad", "duration_s", "sparc", "ldlj")
+
+
+def one_scene(job):
+    """Run one scene and return its summary."""
+    from optsc.robot import load_robot
+    from optsc.study.demo import run_demo, save
+
+    robot, objects, seed, output = job
+    demo = run_demo(load_robot(robot), objects=objects, seed=seed, say=lambda text: None)
+    return save(demo, output / f"seed_{seed}")
+
+
+def interval(differences, rng, resamples=10_000):
+    """Mean, and the 95 % interval of the mean by the bootstrap over pairs."""
+    means = rng.choice(differences, size=(resamples, len(differences))).mean(axis=1)
+    return [float(np.mean(differences)), *np.percentile(means, [2.5, 97.5]).tolist()]
+
+
+def paired(summaries):
+    """Differences paper minus manipulability only, per measure: mean and interval, and the number of pairs."""
+    rng = np.random.default_rng(0)
+    result = {}
+    for measure in MEASURES:
+        pairs = [
+            (row["paper"][measure], row["manipulability"][measure])
+            for summary in summaries
+            for name, row in summary["objects"].items()
+            if row["paper"]["target"] == row["manipulability"]["target"] == name
+            and row["paper"][measure] is not None
+            and row["manipulability"][measure] is not None
+        ]
+        a, b = np.array(pairs).T
+        result[measure] = {
+            "pairs": len(pairs),
+            "paper_mean": float(a.mean()),
+            "manipulability_mean": float(b.mean()),
+            "difference_mean_low_high": interval(a - b, rng),
+            "paper_less": float(np.mean(a < b)),
+        }
+    return result
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robot", default="panda")
+    parser.add_argument("--objects", nargs="+", default=["mug", "can", "box"])
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--runs", type=Path, default=Path("demo-output/scenes"))
+    parser.add_argument("--output", type=Path)
+    options = parser.parse_args()
+    jobs = [(options.robot, tuple(options.objects), seed, options.runs) for seed in range(options.seeds)]
+    summaries = []
+    with ProcessPoolExecutor(options.workers) as pool:
+        for summary in pool.map(one_scene, jobs):
+            summaries.append(summary)
+            lifts = {s: [row[s]["lifted"] for row in summary["objects"].values()] for s in ("paper", "manipulability")}
+            print(f"seed {summary['seed']}: lifted {lifts}, {summary['ticks']} ticks", flush=True)
+    rows = [row for summary in summaries for row in summary["objects"].values()]
+    report = {
+        "robot": options.robot,
+        "seeds": options.seeds,
+        "machine": platform.platform(),
+        "versions": {name: version(name) for name in ("optsc", "numpy", "pin", "ruckig", "pybullet")},
+        "lifted_share": {s: float(np.mean([row[s]["lifted"] for row in rows])) for s in ("paper", "manipulability")},
+        "grasps": len(rows),
+        "least_candidates": min(row["candidates"] for row in rows),
+        "limit_violations": sum(sum(summary["limit_violations"].values()) for summary in summaries),
+        "interventions": sum(summary["interventions"] for summary in summaries),
+        "ticks": sum(summary["ticks"] for summary in summaries),
+        "tick_p50_us": float(np.median([summary["tick_p50_us"] for summary in summaries])),
+        "tick_p99_us": float(np.median([summary["tick_p99_us"] for summary in summaries])),
+        "paired": paired(summaries),
+    }
+    print(json.dumps(report, indent=2))
+    if options.output:
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        options.output.write_text(json.dumps(report, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,324 @@
+"""Distances of an arm's capsules to a table, to boxes and to each other, with their gradients, as CasADi functions.
+
+Every pair gives one row g(q) v >= lower on the joint velocity v, where g is the gradient of its distance d. The rate
+at which d may fall is the one from which the arm can brake with the deceleration A after a delay T:
+
+    allowed(d) = sqrt((A T)^2 + 2 A d) - A T     for d > 0,        max(d / T, -push)     for d <= 0.
+
+It has the slope 1/T on both sides of d = 0, the end of the margin, so an arm comes to rest there without a jolt.
+
+Distances of segments are blended: phi = min |p(t) - c|^2 + e (t - 1/2)^2 with a small e instead of the plain minimum, so
+that the nearest point runs along a segment which lies parallel to something, where it would jump otherwise. The
+gradient stays exact (the minimiser's motion does not enter, as at any minimum), and taking `BLEND` off the result
+keeps it below the true distance wherever two bodies do not touch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi
+import numpy as np
+
+from optsc.geometry.rotation import Array
+from optsc.robot.capsules import LinkCapsules
+from optsc.robot.kernels.kinematics import joint_frames
+from optsc.robot.model import RobotModel
+
+BLEND = 1e-3
+"""What blending may take off a distance [m]."""
+TINY = 1e-12
+"""Squares of lengths below this [m^2] count as zero."""
+FLAT = 1e-4
+"""Gradients shorter than this [m/rad] are no row: no motion of the arm changes such a distance."""
+HEAD = 3
+"""Entries of a row before its gradient: need, lower, distance."""
+
+
+class RowSettings:
+    """Layout of the settings vector; see `optsc.ik.avoidance` for meaning and units."""
+
+    SIZE = 7
+    MARGIN, TABLE_HEIGHT, BRAKING, LEAST_BRAKING, MOST_BRAKING, DELAY, PUSH = range(7)
+
+
+class Box:
+    """Layout of what describes one box: rotation (column by column), centre, half extents, twist, two flags."""
+
+    SIZE = 23
+    ROTATION, CENTRE, HALF = slice(0, 9), slice(9, 12), slice(12, 15)
+    LINEAR, ANGULAR = slice(15, 18), slice(18, 21)
+    ABSENT, HAND_MAY_TOUCH = 21, 22
+
+
+def _norm(x: casadi.SX) -> casadi.SX:
+    return casadi.sqrt(casadi.dot(x, x))
+
+
+def _clip(x: casadi.SX) -> casadi.SX:
+    return casadi.fmin(casadi.fmax(x, 0.0), 1.0)
+
+
+class _Rows:
+    """Expressions that turn a distance and its gradient into one row, for an arm of n joints."""
+
+    def __init__(self, robot: RobotModel) -> None:
+        n = self.n = robot.n
+        self.capsule = casadi.SX.sym("capsule", 8 + 6 * n)
+        self.other = casadi.SX.sym("other", 8 + 6 * n)
+        self.low, self.high = casadi.SX.sym("low", n), casadi.SX.sym("high", n)
+        self.settings = casadi.SX.sym("settings", RowSettings.SIZE)
+        self.shared = [self.low, self.high, self.settings]
+        self.acceleration = casadi.DM(robot.limits.acceleration)
+
+    def ends(self, capsule: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
+        return capsule[0:3], capsule[3:6]
+
+    def jacobian(self, capsule: casadi.SX, t: casadi.SX) -> casadi.SX:
+        """The Jacobian (3, n) of the point at share ``t`` of a capsule's segment."""
+        size = 3 * self.n
+        return casadi.reshape((1 - t) * capsule[8 : 8 + size] + t * capsule[8 + size :], 3, self.n)
+
+    def row(
+        self, distance: casadi.SX, gradient: casadi.SX, drift: casadi.SX | float, margin: casadi.SX
+    ) -> casadi.SX:
+        """(need, lower, distance, gradient (n)); a row can matter at this tick only where its need is below zero."""
+        s, spare = self.settings, distance - margin
+        able = s[RowSettings.BRAKING] * casadi.dot(casadi.fabs(gradient), self.acceleration)
+        able = casadi.fmin(casadi.fmax(able, s[RowSettings.LEAST_BRAKING]), s[RowSettings.MOST_BRAKING])
+        delay = s[RowSettings.DELAY]
+        braking = casadi.sqrt((able * delay) ** 2 + 2.0 * able * casadi.fmax(spare, 0.0)) - able * delay
+        outwards = casadi.fmax(spare / delay, -s[RowSettings.PUSH])
+        lower = -casadi.if_else(spare > 0.0, braking, outwards) - drift
+        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
+        least = casadi.dot(gradient, middle) - casadi.dot(casadi.fabs(gradient), half)
+        need = casadi.if_else(casadi.dot(gradient, gradient) < FLAT * FLAT, 1.0, least - lower)
+        return casadi.densify(casadi.vertcat(need, lower, distance, gradient))
+
+    def far(self, distance: casadi.SX) -> casadi.SX:
+        """What stands for the row of a pair that cannot matter: the distance is a lower bound."""
+        return casadi.densify(casadi.vertcat(1.0, 0.0, distance, casadi.SX(self.n, 1)))
+
+    def within(self, distance: casadi.SX, speed: casadi.SX, margin: casadi.SX) -> casadi.SX:
+        """Whether a pair at least ``distance`` apart that closes in at most at ``speed`` may need a row."""
+        s = self.settings
+        stopping = speed * s[RowSettings.DELAY] + speed * speed / (2.0 * s[RowSettings.LEAST_BRAKING])
+        return distance - margin < stopping
+
+    def pair(self, name: str, inputs: list[casadi.SX], bound: casadi.SX, near: casadi.SX, row: casadi.SX) -> casadi.Function:
+        """Return the function of one pair, which works out its row only where ``near``."""
+        arguments = [*inputs, *self.shared]
+        shapes = [x.shape for x in arguments]
+        symbols = [casadi.MX.sym(f"x{i}", *shape) for i, shape in enumerate(shapes)]
+        exact = casadi.Function(f"{name}_exact", arguments, [row])
+        skipped = casadi.Function(f"{name}_skipped", arguments, [self.far(bound)])
+        test = casadi.Function(f"{name}_near", arguments, [near])
+        chosen = casadi.Function.if_else(f"{name}_row", exact, skipped)(test(*symbols), *symbols)
+        return casadi.Function(name, symbols, [chosen])
+
+
+def _segments(a: Sequence[casadi.SX], b: Sequence[casadi.SX], c: casadi.SX) -> tuple[casadi.SX, ...]:
+    """Return shares s, t of the points of two segments that are nearest after blending by ``c`` (2) [m^2], and phi."""
+    u, w, between = a[1] - a[0], b[1] - b[0], a[0] - b[0]
+    uu, ww, uw = casadi.dot(u, u), casadi.dot(w, w), casadi.dot(u, w)
+    A, C = uu + 4.0 * c[0] + TINY, ww + 4.0 * c[1] + TINY
+    p, r = casadi.dot(u, between) - 2.0 * c[0], -casadi.dot(w, between) - 2.0 * c[1]
+    # minimise 1/2 A s^2 + p s - uw s t + 1/2 C t^2 + r t on the unit square
+    s = _clip((uw * -r - p * C) / (A * C - uw * uw))
+    t = _clip((uw * s - r) / C)
+    s = _clip((uw * t - p) / A)
+    t = _clip((uw * s - r) / C)
+    blend = 4.0 * c[0] * (s - 0.5) ** 2 + 4.0 * c[1] * (t - 0.5) ** 2
+    return s, t, blend
+
+
+def _self_pair(rows: _Rows) -> casadi.Function:
+    """(capsule, capsule, constants (4): radii and blend, c of both, margin, ...) -> row."""
+    constants = casadi.SX.sym("constants", 4)
+    reach, c, margin = constants[0], constants[1:3], constants[3]
+    a, b = rows.ends(rows.capsule), rows.ends(rows.other)
+    s, t, blend = _segments(a, b, c)
+    gap = (a[0] + s * (a[1] - a[0])) - (b[0] + t * (b[1] - b[0]))
+    # Segments that cross have no direction between them: their common normal takes its place.
+    normal = casadi.cross(a[1] - a[0], b[1] - b[0]) + 1e-9
+    gap = casadi.if_else(casadi.dot(gap, gap) < TINY, 1e-6 * normal / _norm(normal), gap)
+    length = casadi.sqrt(casadi.dot(gap, gap) + blend)
+    gradient = ((gap / length).T @ (rows.jacobian(rows.capsule, s) - rows.jacobian(rows.other, t))).T
+    centres = 0.5 * (a[0] + a[1]) - 0.5 * (b[0] + b[1])
+    bound = _norm(centres) - 0.5 * _norm(a[1] - a[0]) - 0.5 * _norm(b[1] - b[0]) - reach
+    near = rows.within(bound, rows.capsule[6] + rows.other[6], margin)
+    row = rows.row(length - reach, gradient, 0.0, margin)
+    return rows.pair("self_pair", [rows.capsule, rows.other, constants], bound, near, row)
+
+
+def _into_box(a: casadi.SX, b: casadi.SX, half: casadi.SX) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
+    """Return depth (< 0), direction out and share t of a segment that runs through a box, in the box's axes.
+
+    The face normals of the difference of both bodies: those of the box, and those of its edges with the segment.
+    """
+    u = b - a
+    best, normal, share = casadi.SX(-1e9), casadi.SX([0, 0, 1]), casadi.SX(0.5)
+    for k in range(3):
+        for sign in (1.0, -1.0):
+            apart = casadi.fmin(sign * a[k], sign * b[k]) - half[k]
+            better, axis = apart > best, casadi.SX(3, 1)
+            axis[k] = sign
+            normal = casadi.if_else(better, axis, normal)
+            share = casadi.if_else(better, casadi.if_else(sign * a[k] < sign * b[k], 0.0, 1.0), share)
+            best = casadi.if_else(better, apart, best)
+        edge = casadi.SX(3, 1)
+        edge[k] = 1.0
+        m = casadi.cross(u, edge)
+        size = _norm(m)
+        m = m / (size + 1e-9)
+        offset = casadi.dot(m, a)
+        m = casadi.if_else(offset < 0.0, -m, m)
+        apart = casadi.fabs(offset) - casadi.dot(casadi.fabs(m), half)
+        better = casadi.logic_and(apart > best, size > 1e-3)
+        normal = casadi.if_else(better, m, normal)
+        share = casadi.if_else(better, _clip(-casadi.dot(u, a) / (casadi.dot(u, u) + TINY)), share)
+        best = casadi.if_else(better, apart, best)
+    return best, normal, share
+
+
+def _nearest_to_box(a: casadi.SX, b: casadi.SX, half: casadi.SX, c: casadi.SX) -> casadi.SX:
+    """Return the share t of a segment that is nearest to a box after blending by ``c``, in the box's axes.
+
+    Half the derivative of the squared distance rises with t in straight pieces: between the two breaks where it
+    changes its sign, the root is that of a line.
+    """
+    u = b - a
+
+    def slope(t: casadi.SX) -> casadi.SX:
+        p = a + t * u
+        outside = p - casadi.fmin(casadi.fmax(p, -half), half)
+        return casadi.dot(outside, u) + 4.0 * c * (t - 0.5)
+
+    left, right = casadi.SX(0.0), casadi.SX(1.0)
+    at_left, at_right = slope(left), slope(right)
+    for k in range(3):
+        for sign in (1.0, -1.0):
+            safe = casadi.if_else(casadi.fabs(u[k]) < TINY, 1.0, u[k])
+            t = _clip((sign * half[k] - a[k]) / safe)
+            value = slope(t)
+            lower, higher = casadi.logic_and(value <= 0.0, t >= left), casadi.logic_and(value >= 0.0, t <= right)
+            left, at_left = casadi.if_else(lower, t, left), casadi.if_else(lower, value, at_left)
+            right, at_right = casadi.if_else(higher, t, right), casadi.if_else(higher, value, at_right)
+    return left + (right - left) * _clip(-at_left / casadi.fmax(at_right - at_left, 1e-15))
+
+
+def _box_pair(rows: _Rows) -> casadi.Function:
+    """(capsule, constants (3): radius and blend, c, hand; box; margin from the settings) -> row."""
+    constants, box = casadi.SX.sym("constants", 3), casadi.SX.sym("box", Box.SIZE)
+    R, centre, half = casadi.reshape(box[Box.ROTATION], 3, 3), box[Box.CENTRE], box[Box.HALF]
+    reach, margin = constants[0], rows.settings[RowSettings.MARGIN]
+    a, b = (R.T @ (end - centre) for end in rows.ends(rows.capsule))
+    t = _nearest_to_box(a, b, half, constants[1])
+    p = a + t * (b - a)
+    out = p - casadi.fmin(casadi.fmax(p, -half), half)
+    inside = casadi.dot(out, out) < TINY
+    depth, normal, deepest = _into_box(a, b, half)
+    length = casadi.sqrt(casadi.dot(out, out) + 4.0 * constants[1] * (t - 0.5) ** 2 + 1e-300)
+    share = casadi.if_else(inside, deepest, t)
+    n = R @ casadi.if_else(inside, normal, out / length)
+    distance = casadi.if_else(inside, depth, length) - reach
+    gradient = (n.T @ rows.jacobian(rows.capsule, share)).T
+    lever = R @ (a + share * (b - a))
+    drift = -casadi.dot(n, box[Box.LINEAR] + casadi.cross(box[Box.ANGULAR], lever))
+    excluded = box[Box.ABSENT] + box[Box.HAND_MAY_TOUCH] * constants[2]
+    ends = rows.ends(rows.capsule)
+    middle = 0.5 * (a + b)
+    to_box = _norm(middle - casadi.fmin(casadi.fmax(middle, -half), half))
+    bound = to_box - 0.5 * _norm(ends[1] - ends[0]) - reach + 1e9 * excluded
+    drift_bound = _norm(box[Box.LINEAR]) + _norm(box[Box.ANGULAR]) * (_norm(half) + 2.0)
+    near = rows.within(bound, rows.capsule[6] + drift_bound, margin)
+    return rows.pair("box_pair", [rows.capsule, constants, box], bound, near, rows.row(distance, gradient, drift, margin))
+
+
+def _table_row(rows: _Rows) -> casadi.Function:
+    """(capsule, constants (3): radius, which end, margin) -> row."""
+    constants = casadi.SX.sym("constants", 3)
+    end = constants[1]
+    a, b = rows.ends(rows.capsule)
+    height = a[2] + end * (b[2] - a[2]) - constants[0] - rows.settings[RowSettings.TABLE_HEIGHT]
+    gradient = rows.jacobian(rows.capsule, end)[2, :].T
+    near = rows.within(height, rows.capsule[6], constants[2])
+    row = rows.row(height, gradient, 0.0, constants[2])
+    return rows.pair("table_row", [rows.capsule, constants], height, near, row)
+
+
+def _placed_capsules(robot: RobotModel, capsules: LinkCapsules) -> casadi.Function:
+    """(q, low, high) -> (8 + 6 n, C): ends, greatest speed of a point at this tick, spare, Jacobians of both ends."""
+    n = robot.n
+    q, low, high = (casadi.SX.sym(name, n) for name in ("q", "low", "high"))
+    frames = joint_frames(robot, q)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    columns = []
+    for joint, ends in zip(capsules.joint.tolist(), capsules.ends, strict=True):
+        points, jacobians, speeds = [], [], []
+        for end in ends:
+            R, p = (casadi.SX.eye(3), casadi.SX(3, 1)) if joint < 0 else frames[joint][:2]
+            point = p + R @ casadi.DM(end)
+            J = casadi.SX(3, n)
+            for i in range(joint + 1):
+                _, _, axis, origin, slides = frames[i]
+                J[:, i] = axis if slides else casadi.cross(axis, point - origin)
+            points.append(point)
+            jacobians.append(casadi.vec(J))
+            lengths = casadi.vertcat(*[_norm(J[:, i]) for i in range(n)])
+            speeds.append(_norm(J @ middle) + casadi.dot(lengths, half))
+        columns.append(casadi.vertcat(*points, casadi.fmax(*speeds), 0.0, *jacobians))
+    return casadi.Function("placed_capsules", [q, low, high], [casadi.densify(casadi.horzcat(*columns))])
+
+
+def _blend(radius: Array, length: Array) -> Array:
+    """Return what blending adds to a squared distance at most [m^2], so that it takes `BLEND` off at contact."""
+    return np.where(length > 0.0, 2.0 * radius * BLEND + BLEND**2, 0.0)
+
+
+def distance_rows(
+    robot: RobotModel,
+    capsules: LinkCapsules,
+    self_pairs: Sequence[tuple[int, int, float]],
+    table_ends: Sequence[tuple[int, int, float]],
+    boxes: int,
+) -> casadi.Function:
+    """Return the function that gives one row for every pair.
+
+    Inputs: q (n); lowest and highest velocity of the next tick (n); settings (7), see `RowSettings`; boxes (23, B), see
+    `Box`. Output: (3 + n, P) with need, lower bound, distance and gradient in each column. First the ``self_pairs``
+    of capsules with their margins, then the ``table_ends`` (capsule, end, margin), then the moving capsules with each box.
+    """
+    rows, n = _Rows(robot), robot.n
+    q, low, high = (casadi.MX.sym(name, n) for name in ("q", "low", "high"))
+    settings, box = casadi.MX.sym("settings", RowSettings.SIZE), casadi.MX.sym("boxes", Box.SIZE, max(boxes, 1))
+    placed = _placed_capsules(robot, capsules)(q, low, high)
+    shared = [low, high, settings]
+    length = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1)
+    parts = []
+    if self_pairs:
+        first, second = ([pair[k] for pair in self_pairs] for k in (0, 1))
+        radius = capsules.radius[first] + capsules.radius[second]
+        # Each of the two segments is blended by half.
+        c = 0.5 * _blend(radius, np.maximum(length[first], length[second]))
+        constants = np.stack([radius + BLEND, c, c, [pair[2] for pair in self_pairs]])
+        mapped = _self_pair(rows).map("self_pairs", "serial", len(self_pairs), [3, 4, 5], [])
+        parts.append(mapped(placed[:, first], placed[:, second], casadi.DM(constants), *shared))
+    if table_ends:
+        which = [end[0] for end in table_ends]
+        constants = np.stack([capsules.radius[which], [end[1] for end in table_ends], [end[2] for end in table_ends]])
+        mapped = _table_row(rows).map("table_rows", "serial", len(table_ends), [2, 3, 4], [])
+        parts.append(mapped(placed[:, which], casadi.DM(constants), *shared))
+    if boxes:
+        which = np.flatnonzero(capsules.joint >= 0).tolist()
+        radius, c = capsules.radius[which], _blend(capsules.radius, length)[which]
+        constants = np.stack([radius + BLEND * (c > 0.0), c, capsules.hand[which]])
+        each = _box_pair(rows).map("capsules", "serial", len(which), [2, 3, 4, 5], [])
+        some, one = casadi.MX.sym("some", placed.shape[0], len(which)), casadi.MX.sym("box", Box.SIZE)
+        symbols = [casadi.MX.sym(f"s{k}", *x.shape) for k, x in enumerate(shared)]
+        with_box = casadi.Function("with_box", [some, one, *symbols], [casadi.vec(each(some, casadi.DM(constants), one, *symbols))])
+        mapped = with_box.map("with_boxes", "serial", boxes, [0, 2, 3, 4], [])
+        found = mapped(placed[:, which], box, *shared)
+        parts.append(casadi.reshape(found, HEAD + n, len(which) * boxes))
+    out = casadi.densify(casadi.horzcat(*parts)) if parts else casadi.MX(HEAD + n, 0)
+    return casadi.Function("distance_rows", [q, low, high, settings, box], [out])
