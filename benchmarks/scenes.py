@@ -61,7 +61,9 @@ def paired(summaries):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--robot", default="panda")
     parser.add_argument("--objects", nargs="+", default=["mug", "can", "box"])
     parser.add_argument("--seeds", type=int, default=20)
@@ -74,7 +76,10 @@ def main():
     with ProcessPoolExecutor(options.workers) as pool:
         for summary in pool.map(one_scene, jobs):
             summaries.append(summary)
-            lifts = {s: [row[s]["lifted"] for row in summary["objects"].values()] for s in ("paper", "manipulability")}
+            lifts = {
+                s: [row[s]["lifted"] for row in summary["objects"].values()]
+                for s in ("paper", "manipulability")
+            }
             print(f"seed {summary['seed']}: lifted {lifts}, {summary['ticks']} ticks", flush=True)
     rows = [row for summary in summaries for row in summary["objects"].values()]
     report = {
@@ -82,7 +87,9 @@ def main():
         "seeds": options.seeds,
         "machine": platform.platform(),
         "versions": {name: version(name) for name in ("optsc", "numpy", "pin", "ruckig", "pybullet")},
-        "lifted_share": {s: float(np.mean([row[s]["lifted"] for row in rows])) for s in ("paper", "manipulability")},
+        "lifted_share": {
+            s: float(np.mean([row[s]["lifted"] for row in rows])) for s in ("paper", "manipulability")
+        },
         "grasps": len(rows),
         "least_candidates": min(row["candidates"] for row in rows),
         "limit_violations": sum(sum(summary["limit_violations"].values()) for summary in summaries),

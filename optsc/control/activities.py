@@ -12,7 +12,8 @@ from optsc.control.approach import Approach, StraightPath
 from optsc.control.modes import Event
 from optsc.control.servo import Command, Servo, Status
 from optsc.geometry.scalar import Quaternion, Vector
-from optsc.operators.clutch import ClutchSettings, ClutchState, Hand, engage, follow
+from optsc.operators.clutch import ClutchSettings, ClutchState, Hand, engage, follow, jumped
+from optsc.operators.smoothing import SmoothedHand, Smoothing, begin, smoothed
 
 
 class HandInput(NamedTuple):
@@ -50,34 +51,41 @@ class Resting:
 class Following:
     """Follow the operator's hand through the clutch."""
 
-    def __init__(self, settings: ClutchSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: ClutchSettings, smoothing: Smoothing | None = None) -> None:
+        self._settings, self._smoothing = settings, smoothing
         self._coupled: ClutchState | None = None
+        self._smooth: SmoothedHand | None = None
 
     def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
         """Do one tick; see `Activity`."""
         if hand.hand is None or not hand.clutch:
             self._uncouple(servo)
             return Outcome(servo.stop())
-        if hand.new:
-            self._take_in(servo, hand.hand)
+        reason = self._take_in(servo, hand.hand) if hand.new else ""
         command = servo.step()
         if command.status is Status.STALE:
             # The hand may come back anywhere: it is then coupled anew, from rest.
             self._coupled = None
-        return Outcome(command)
+        return Outcome(command, reason=reason)
 
     def _uncouple(self, servo: Servo) -> None:
         self._coupled = None
         servo.forget()
 
-    def _take_in(self, servo: Servo, hand: Hand) -> None:
-        if self._coupled is None:
+    def _take_in(self, servo: Servo, hand: Hand) -> str:
+        """Move the target as the hand moved; say so where the hand had to be coupled anew."""
+        leapt = self._coupled is not None and jumped(self._settings, self._coupled, hand)
+        if self._coupled is None or self._smooth is None or leapt:
+            self._smooth = begin(hand)
             self._coupled = engage(self._settings, hand, *servo.reference)
             servo.forget()
         else:
+            if self._smoothing is not None:
+                self._smooth = smoothed(self._smoothing, self._smooth, hand)
+                hand = self._smooth.hand
             self._coupled = follow(self._settings, self._coupled, hand)
         servo.observe(self._coupled.tool_p, self._coupled.tool_q, hand.stamp)
+        return "the hand jumped and was coupled anew" if leapt else ""
 
 
 class Travelling:

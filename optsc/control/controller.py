@@ -18,7 +18,8 @@ from optsc.geometry import Pose
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.grasps import Candidates
 from optsc.operators import ClutchSettings, OperatorSample, fault_of
-from optsc.operators.clutch import Hand
+from optsc.operators.clutch import Hand, recentred
+from optsc.operators.smoothing import Smoothing
 from optsc.robot import RobotModel
 from optsc.selection import GraspSelector, Ranking, Target
 from optsc.selection.reach import ClearRows
@@ -67,6 +68,7 @@ class SharedController:
         selector: ranks the candidate grasps.
         approach: how the robot moves by itself.
         clutch: how the hand's motion maps to the tool's.
+        smoothing: how the hand is smoothed before that, if at all.
         servo: how targets are followed.
         solver: name of the QP solver.
 
@@ -81,6 +83,7 @@ class SharedController:
         *,
         approach: Approach | None = None,
         clutch: ClutchSettings | None = None,
+        smoothing: Smoothing | None = None,
         servo: ServoSettings | None = None,
         solver: str = "daqp",
     ) -> None:
@@ -88,6 +91,7 @@ class SharedController:
             raise InvalidValue("robot.gripper", None, "a gripper")
         self.robot, self.selector = robot, selector
         self.approach, self.clutch = approach or Approach(), clutch or ClutchSettings()
+        self._smoothing = smoothing
         self._servo_settings, self._solver = servo or ServoSettings(), solver
         self._open = robot.gripper.max_opening
         self.reset(robot.home)
@@ -128,6 +132,17 @@ class SharedController:
         self.selector.observe(candidates, self.servo.guard.q.copy(), clear=clear)
         self._ranked = -np.inf
 
+    def recentre(self) -> None:
+        """Turn the operator's station about the vertical so that the hand now heads where the tool does.
+
+        Without effect before the first sample. In manual mode the hand is coupled anew, so the target stays.
+        """
+        if self._hand is None:
+            return
+        self.clutch = recentred(self.clutch, self._hand, self.servo.reference[1])
+        if self.mode is Mode.MANUAL:
+            self._activity = self._activity_for(Mode.MANUAL)
+
     def step(self, sample: OperatorSample | None, measured: FollowerState) -> ControlStep:
         """Do one tick; never raises on bad input.
 
@@ -146,8 +161,9 @@ class SharedController:
         time, mode = self.time, self.mode
         outcome = self._activity.step(self.servo, HandInput(self._hand, new, self._clutch), measured.opening)
         if outcome.event is not None:
-            event, reason = outcome.event, outcome.reason or reason
+            event = outcome.event
             self._change(event)
+        reason = outcome.reason or reason
         if not mode.automatic:
             self._rank_if_due()
         return ControlStep(
@@ -241,7 +257,7 @@ class SharedController:
             servo.forget()
             self._target = None
             servo.ik.prefer(self.robot.home)
-            return Following(self.clutch)
+            return Following(self.clutch, self._smoothing)
         if mode is Mode.APPROACH:
             self._opening = self._open
             servo.ik.prefer(target.q)

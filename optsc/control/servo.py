@@ -194,7 +194,7 @@ class Servo:
             when = self.time if stamp is None else stamp
             if len(p) != 3 or not abs(sum(p) + sum(q) + when) < 1e9:
                 return self._stop(Status.INVALID, "target is not one finite pose")
-            self.observe(tuple(p), tuple(q), when)  # type: ignore[arg-type]
+            self.observe(tuple(p), tuple(q), when)
         track = self._track
         if track is None:
             return self._stop(Status.HOLDING, "no target yet")

@@ -21,6 +21,7 @@ from optsc.geometry.rotation import Array
 from optsc.ik.solvers import QpSolver, Rows, make_solver
 from optsc.robot.differential import PoseTaskSettings, pose_task
 from optsc.robot.kernels.kernel import build_kernel
+from optsc.robot.manipulability import Manipulability
 from optsc.robot.model import RobotModel
 
 GAIN_PER_TICK = 0.3
@@ -38,6 +39,8 @@ class IkSettings:
         largest_error: distance and angle that count at most [m, rad]; bounds the speed of catching up.
         posture_weight: weight of the posture task, small against the others [1].
         posture_gain: how fast spare motion goes to the posture [1/s].
+        manipulability_gain: how strongly spare motion climbs the gradient of the penalised manipulability, in the
+            velocity of the posture task [rad/s per unit of M and rad]; zero leaves it out.
         damping: weight on joint speed; bounds it near singularities [1].
         error_damping: further damping per squared weighted error; calms the arm where a target is out of reach [1].
     """
@@ -48,6 +51,7 @@ class IkSettings:
     largest_error: tuple[float, float] = (0.03, 0.1)
     posture_weight: float = 1e-4
     posture_gain: float = 1.0
+    manipulability_gain: float = 0.0
     damping: float = 1e-5
     error_damping: float = 20.0
 
@@ -57,10 +61,12 @@ class IkSettings:
             length = 2 if name == "largest_error" else 3
             if len(value) != length or not all(np.isfinite(w) and w >= 0 for w in value):
                 raise InvalidValue(name, value, f"{length} finite numbers, none negative")
-        for name in ("gain", "posture_weight", "posture_gain", "damping", "error_damping"):
+        for name in ("gain", "posture_weight", "posture_gain", "manipulability_gain", "damping", "error_damping"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidValue(name, value, "finite and not negative")
+        if self.manipulability_gain > 0 and self.posture_gain * self.posture_weight == 0:
+            raise InvalidValue("manipulability_gain", self.manipulability_gain, "zero where there is no posture task")
         if self.damping + self.posture_weight <= 0:
             raise InvalidValue("damping", self.damping, "positive where there is no posture task")
 
@@ -104,6 +110,7 @@ class DifferentialIK:
     period: float
     settings: IkSettings = field(default_factory=IkSettings)
     solver: QpSolver = field(default_factory=make_solver)
+    manipulability: Manipulability = field(default_factory=Manipulability)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.period) and self.period > 0):
@@ -112,11 +119,13 @@ class DifferentialIK:
         self._q, self._reference, self._twist, self._posture, vector = self._kernel.inputs
         vector[:] = self.settings.vector(self.period)
         self._H, self._g, self._error, self._volume = self._kernel.outputs
-        self._posture[:] = self.robot.home
+        self._preferred = self.robot.home
+        self._posture[:] = self._preferred
 
     def prefer(self, posture: ArrayLike) -> None:
         """Let spare motion go to ``posture`` (n,) [rad] from now on; raise `InvalidValue`."""
-        self._posture[:] = self.robot.checked(posture, "posture")
+        self._preferred = self.robot.checked(posture, "posture")
+        self._posture[:] = self._preferred
 
     def solve(
         self,
@@ -137,6 +146,12 @@ class DifferentialIK:
             rows: further linear constraints on the answer.
         """
         self._q[:], self._reference[:], self._twist[:] = q, reference, twist
+        if self.settings.manipulability_gain > 0:
+            # A posture that lies uphill: the task's gain turns it into the wanted share of the gradient.
+            uphill = self.manipulability.gradient(self.robot, q)
+            self._posture[:] = (
+                self._preferred + self.settings.manipulability_gain / self.settings.posture_gain * uphill
+            )
         self._kernel.run()
         # H is symmetric, so the column-major buffer is read as row-major without a copy.
         solution = self.solver.solve(self._H.T, self._g, lowest, highest, rows)

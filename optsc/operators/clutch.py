@@ -11,7 +11,7 @@ SLERP (equation 3); or relative to the point of engagement, the practice elsewhe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, hypot, isfinite, log
 from typing import Literal, NamedTuple
 
@@ -76,6 +76,8 @@ class ClutchSettings:
         rotation_scale: tool rotation per hand rotation; needs relative orientation.
         orientation: ``absolute`` (the paper) or ``relative``.
         slerp: how the mismatch of an absolute orientation fades.
+        largest_step: distance and angle from one sample to the next [m, rad] beyond which a hand has not moved but
+            jumped, as trackers do: it is then coupled anew where it is.
     """
 
     R_WS: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -83,6 +85,7 @@ class ClutchSettings:
     rotation_scale: float = 1.0
     orientation: Literal["absolute", "relative"] = "absolute"
     slerp: Slerp = Slerp()
+    largest_step: tuple[float, float] = (0.1, 0.6)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "R_WS", tuple(checked(self.R_WS, "R_WS").tolist()))
@@ -92,6 +95,8 @@ class ClutchSettings:
                 raise InvalidValue(name, value, "positive and finite")
         if self.orientation not in ("absolute", "relative"):
             raise InvalidValue("orientation", self.orientation, "absolute or relative")
+        if len(self.largest_step) != 2 or not all(step > 0 for step in self.largest_step):
+            raise InvalidValue("largest_step", self.largest_step, "two positive numbers [m, rad]")
         if self.orientation == "absolute" and self.rotation_scale != 1.0:
             raise InvalidValue("rotation_scale", self.rotation_scale, "1 where the orientation is absolute")
 
@@ -157,3 +162,21 @@ def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchSt
         mismatch = settings.slerp.remaining(mismatch, hand.stamp - state.stamp)
         tool_q = scalar.multiply(mismatch, hand_q)
     return ClutchState(hand_p, hand_q, tool_p, scalar.normalised(tool_q), mismatch, hand.stamp)
+
+
+def jumped(settings: ClutchSettings, state: ClutchState, hand: Hand) -> bool:
+    """Tell whether ``hand`` is further from the last sample than a hand moves between two."""
+    p, q = scalar.rotate(settings.R_WS, hand.p), scalar.multiply(settings.R_WS, hand.q)
+    distance = hypot(p[0] - state.hand_p[0], p[1] - state.hand_p[1], p[2] - state.hand_p[2])
+    turn = scalar.angle(scalar.multiply(q, scalar.conjugate(state.hand_q)))
+    return distance > settings.largest_step[0] or turn > settings.largest_step[1]
+
+
+def recentred(settings: ClutchSettings, hand: Hand, tool_q: Quaternion) -> ClutchSettings:
+    """Return settings whose station is turned about the vertical so that the hand now heads where the tool does.
+
+    "Forward" is then what the operator means by it; tilts are left alone.
+    """
+    hand_q = scalar.multiply(settings.R_WS, scalar.normalised(hand.q))
+    heading = scalar.twist_about(scalar.multiply(tool_q, scalar.conjugate(hand_q)), (0.0, 0.0, 1.0))
+    return replace(settings, R_WS=scalar.multiply(scalar.exp((0.0, 0.0, heading)), settings.R_WS))

@@ -6,6 +6,7 @@ import csv
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.resources import as_file, files
 from math import isfinite
 from pathlib import Path
 
@@ -82,6 +83,15 @@ class HandRecording:
             clutch=np.ones(len(table), dtype=bool) if clutch is None else np.asarray(clutch, dtype=bool),
             trigger=np.zeros(len(table), dtype=bool) if trigger is None else np.asarray(trigger, dtype=bool),
         )
+
+    @classmethod
+    def example(cls) -> HandRecording:
+        """Return the recording that comes along: a brisk hand for 40 s at 50 Hz; see README.md in optsc/data.
+
+        It reaches and turns further than an arm on a table does: scale it with `scaled`.
+        """
+        with as_file(files("optsc") / "data" / "hand_reach.csv") as path:
+            return cls.from_csv(path)
 
     @classmethod
     def from_csv(cls, path: str | Path) -> HandRecording:

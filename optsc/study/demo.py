@@ -167,7 +167,7 @@ def table(demo: Demo) -> str:
 
 
 def figure(demo: Demo) -> Any:
-    """Return the picture: the selected grasps at two poses of the hand, and the ways of the tool (matplotlib figure)."""
+    """Return the matplotlib figure: the grasps selected at two poses of the hand, and the ways of the tool."""
     world = demo.setting.world
     gripper = world.robot.gripper
     if gripper is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -71,8 +71,8 @@ class Setting:
     library: GraspLibrary
     seed: int
     rate: float = 500.0
-    approach: Approach = Approach()
-    manipulability: Manipulability = Manipulability()
+    approach: Approach = field(default_factory=Approach)
+    manipulability: Manipulability = field(default_factory=Manipulability)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.grasps import Candidates
 from optsc.operators import OperatorSample
+from optsc.operators.smoothing import Smoothing
 from optsc.records import load_inputs
 from optsc.robot import load_robot, model_from_urdf
 
@@ -237,6 +238,48 @@ def test_a_lost_hand_rests_in_manual_mode_and_is_coupled_anew_when_it_returns(ro
     rig.go(0.5)
     assert np.linalg.norm(rig.tool().translation - at_rest.translation) < 1e-3
     assert_no_step(rig)
+
+
+def test_a_hand_that_jumps_is_coupled_anew_and_the_target_stays(robot):
+    rig = start(robot)
+    at_rest = rig.tool()
+    rig.hand = Pose(rig.hand.quaternion, rig.hand.translation + [0.0, 1.0, 0.0])
+    rig.go(0.5)
+    assert any("jumped" in step.reason for step in rig.steps)
+    assert np.linalg.norm(rig.tool().translation - at_rest.translation) < 1e-3
+    assert_no_step(rig)
+
+
+def test_recentring_does_not_move_the_target_and_turns_what_forward_means(robot):
+    rig = start(robot)
+    rig.hand = Pose(rotation.multiply(rotation.exp([0, 0, 0.5]), rig.hand.quaternion), rig.hand.translation)
+    rig.go(0.05, clutch=False)
+    before = rig.tool()
+    rig.controller.recentre()
+    rig.go(0.6)
+    assert rig.tool().almost_equal(before, 5e-3)
+    rig.go(0.5, move=(0.05, 0.0, 0.0))
+    rig.go(0.5)
+    moved = rig.tool().translation - before.translation
+    np.testing.assert_allclose(moved, rotation.rotate(rotation.exp([0, 0, 0.7 - 0.5]), [0.05, 0, 0]), atol=1e-3)
+
+
+def test_smoothing_makes_a_trembling_hand_calmer(robot):
+    rough, calm = Rig(robot), Rig(robot)
+    calm.controller = optsc.SharedController(
+        robot,
+        optsc.GraspSelector(robot),
+        clutch=optsc.ClutchSettings(R_WS=R_WS),
+        smoothing=Smoothing(cutoff=0.3, slope=2.0),
+    )
+    calm.controller.reset(robot.home)
+    for rig in (rough, calm):
+        rng = np.random.default_rng(0)
+        for _ in range(100):
+            rig.hand = Pose(rig.hand.quaternion, 5e-4 * rng.normal(size=3))
+            rig.go(0.01)
+    still = [np.std([step.command.q for step in rig.steps[100:]], axis=0).max() for rig in (rough, calm)]
+    assert still[1] < 0.5 * still[0]
 
 
 def test_an_arm_that_does_not_follow_is_a_fault(robot):

@@ -7,6 +7,7 @@ import pytest
 from optsc.errors import InvalidValue
 from optsc.ik import DifferentialIK, IkSettings
 from optsc.robot import ROBOT_NAMES, load_robot
+from optsc.robot.manipulability import Manipulability
 
 PERIOD = 2e-3
 
@@ -84,6 +85,22 @@ def test_spare_motion_goes_to_the_posture_and_does_not_move_the_tool():
     assert np.linalg.norm((robot.jacobian(robot.home) @ step.velocity)[:3]) < 5e-3
 
 
+def test_spare_motion_climbs_the_manipulability_and_does_not_move_the_tool():
+    robot = load_robot("panda")
+    q = robot.home + np.array([0.0, 0.2, 0.3, 0.1, 0.4, 0.0, 0.5])
+    X, M = row(robot.forward(q)), Manipulability()
+    ends = []
+    for gain in (0.0, 20.0):
+        ik = DifferentialIK(robot, PERIOD, IkSettings(manipulability_gain=gain, posture_gain=0.1))
+        ik.prefer(q)
+        posture = q.copy()
+        for _ in range(1000):
+            posture = posture + PERIOD * ik.solve(posture, X, np.zeros(6), *wide(robot)).velocity
+        ends.append(float(M.evaluate(robot, posture)))
+        assert np.linalg.norm(robot.forward(posture).translation - robot.forward(q).translation) < 2e-3
+    assert ends[1] > 1.05 * ends[0]
+
+
 def test_bounds_are_kept():
     robot = load_robot("ur5")
     ik = DifferentialIK(robot, PERIOD)
@@ -98,6 +115,7 @@ def test_impossible_settings_are_refused():
         {"position_weight": (1.0, 1.0)},
         {"orientation_weight": (np.nan, 0.0, 0.0)},
         {"damping": 0.0, "posture_weight": 0.0},
+        {"manipulability_gain": 1.0, "posture_gain": 0.0},
     ):
         with pytest.raises(InvalidValue):
             IkSettings(**wrong)

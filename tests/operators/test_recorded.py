@@ -133,3 +133,13 @@ def test_a_release_that_does_not_fit_is_refused(every, release):
 def test_switches_of_another_length_are_refused():
     with pytest.raises(InvalidValue, match="clutch"):
         HandRecording.from_array(spiral(), clutch=[True])
+
+
+def test_the_recording_that_comes_along_is_forty_seconds_of_a_brisk_hand():
+    recording = HandRecording.example()
+    assert len(recording) == 2000
+    assert recording.duration == pytest.approx(39.98)
+    speed = np.linalg.norm(np.diff(recording.X_SH.translation, axis=0), axis=1) / np.diff(recording.time)
+    assert np.median(speed) == pytest.approx(0.53, abs=0.01)
+    assert recording.clutch.all()
+    assert not recording.trigger.any()

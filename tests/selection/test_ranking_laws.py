@@ -287,7 +287,8 @@ def test_the_best_object_is_the_one_that_the_hand_points_at_whatever_the_rule(ru
         table, hand = random_table(rng, random_candidates(rng, (20, 20, 20))), random_hand(rng)
         ranking = rank(table, hand, rule)
         far = {
-            name: min(aim(hand, ranking.target_of(i).X_WG) for i in ranking.of(name)) for name in ranking.object_names
+            name: min(aim(hand, ranking.target_of(i).X_WG) for i in ranking.of(name))
+            for name in ranking.object_names
         }
         assert ranking.best == min(far, key=far.get)
         assert ranking.target().candidate == ranking.order[0]

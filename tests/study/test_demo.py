@@ -38,9 +38,15 @@ def test_the_summary_says_what_was_measured(demo, tmp_path):
     for row in facts["objects"].values():
         assert row["candidates"] == 150
         for strategy in STRATEGIES:
-            assert {"lifted", "path_length_m", "rotation_rad", "duration_s", "sparc", "ldlj", "switch_jump"} <= set(
-                row[strategy.name]
-            )
+            assert {
+                "lifted",
+                "path_length_m",
+                "rotation_rad",
+                "duration_s",
+                "sparc",
+                "ldlj",
+                "switch_jump",
+            } <= set(row[strategy.name])
     assert facts["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0, "jerk": 0}
     assert facts["interventions"] == 2
     assert facts["ticks"] == sum(len(episode.run) for episode in demo.episodes.values())

@@ -16,13 +16,14 @@ keeps it below the true distance wherever two bodies do not touch.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import casadi
 import numpy as np
 
 from optsc.geometry.rotation import Array
 from optsc.robot.capsules import LinkCapsules
-from optsc.robot.kernels.kinematics import joint_frames
+from optsc.robot.kernels.kinematics import _constant, _rotation_about, axis_of
 from optsc.robot.model import RobotModel
 
 BLEND = 1e-3
@@ -57,6 +58,30 @@ def _norm(x: casadi.SX) -> casadi.SX:
 
 def _clip(x: casadi.SX) -> casadi.SX:
     return casadi.fmin(casadi.fmax(x, 0.0), 1.0)
+
+
+class _Frame(NamedTuple):
+    """The frame of a joint: rotation and position in W, the joint's axis in W, whether it slides."""
+
+    R: casadi.SX
+    p: casadi.SX
+    axis: casadi.SX
+    origin: casadi.SX
+    slides: bool
+
+
+def _joint_frames(robot: RobotModel, q: casadi.SX) -> list[_Frame]:
+    """Return the frame that each joint moves, for a serial chain."""
+    R, p = casadi.SX.eye(3), casadi.SX(3, 1)
+    frames = []
+    for i in range(robot.n):
+        placement = robot.model.jointPlacements[i + 1]
+        p, R = p + R @ _constant(placement.translation), R @ _constant(placement.rotation)
+        local, slides = axis_of(robot, i)
+        axis, origin = R @ _constant(local), p
+        p, R = (p + axis * q[i], R) if slides else (p, R @ _rotation_about(local, q[i]))
+        frames.append(_Frame(R, p, axis, origin, slides))
+    return frames
 
 
 class _Rows:
@@ -105,7 +130,9 @@ class _Rows:
         stopping = speed * s[RowSettings.DELAY] + speed * speed / (2.0 * s[RowSettings.LEAST_BRAKING])
         return distance - margin < stopping
 
-    def pair(self, name: str, inputs: list[casadi.SX], bound: casadi.SX, near: casadi.SX, row: casadi.SX) -> casadi.Function:
+    def pair(
+        self, name: str, inputs: list[casadi.SX], bound: casadi.SX, near: casadi.SX, row: casadi.SX
+    ) -> casadi.Function:
         """Return the function of one pair, which works out its row only where ``near``."""
         arguments = [*inputs, *self.shared]
         shapes = [x.shape for x in arguments]
@@ -201,7 +228,10 @@ def _nearest_to_box(a: casadi.SX, b: casadi.SX, half: casadi.SX, c: casadi.SX) -
             safe = casadi.if_else(casadi.fabs(u[k]) < TINY, 1.0, u[k])
             t = _clip((sign * half[k] - a[k]) / safe)
             value = slope(t)
-            lower, higher = casadi.logic_and(value <= 0.0, t >= left), casadi.logic_and(value >= 0.0, t <= right)
+            lower, higher = (
+                casadi.logic_and(value <= 0.0, t >= left),
+                casadi.logic_and(value >= 0.0, t <= right),
+            )
             left, at_left = casadi.if_else(lower, t, left), casadi.if_else(lower, value, at_left)
             right, at_right = casadi.if_else(higher, t, right), casadi.if_else(higher, value, at_right)
     return left + (right - left) * _clip(-at_left / casadi.fmax(at_right - at_left, 1e-15))
@@ -223,7 +253,8 @@ def _box_pair(rows: _Rows) -> casadi.Function:
     n = R @ casadi.if_else(inside, normal, out / length)
     distance = casadi.if_else(inside, depth, length) - reach
     gradient = (n.T @ rows.jacobian(rows.capsule, share)).T
-    lever = R @ (a + share * (b - a))
+    at_box = a + share * (b - a)
+    lever = R @ casadi.fmin(casadi.fmax(at_box, -half), half)
     drift = -casadi.dot(n, box[Box.LINEAR] + casadi.cross(box[Box.ANGULAR], lever))
     excluded = box[Box.ABSENT] + box[Box.HAND_MAY_TOUCH] * constants[2]
     ends = rows.ends(rows.capsule)
@@ -232,7 +263,9 @@ def _box_pair(rows: _Rows) -> casadi.Function:
     bound = to_box - 0.5 * _norm(ends[1] - ends[0]) - reach + 1e9 * excluded
     drift_bound = _norm(box[Box.LINEAR]) + _norm(box[Box.ANGULAR]) * (_norm(half) + 2.0)
     near = rows.within(bound, rows.capsule[6] + drift_bound, margin)
-    return rows.pair("box_pair", [rows.capsule, constants, box], bound, near, rows.row(distance, gradient, drift, margin))
+    return rows.pair(
+        "box_pair", [rows.capsule, constants, box], bound, near, rows.row(distance, gradient, drift, margin)
+    )
 
 
 def _table_row(rows: _Rows) -> casadi.Function:
@@ -251,7 +284,7 @@ def _placed_capsules(robot: RobotModel, capsules: LinkCapsules) -> casadi.Functi
     """(q, low, high) -> (8 + 6 n, C): ends, greatest speed of a point at this tick, spare, Jacobians of both ends."""
     n = robot.n
     q, low, high = (casadi.SX.sym(name, n) for name in ("q", "low", "high"))
-    frames = joint_frames(robot, q)
+    frames = _joint_frames(robot, q)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     columns = []
     for joint, ends in zip(capsules.joint.tolist(), capsules.ends, strict=True):
@@ -261,8 +294,8 @@ def _placed_capsules(robot: RobotModel, capsules: LinkCapsules) -> casadi.Functi
             point = p + R @ casadi.DM(end)
             J = casadi.SX(3, n)
             for i in range(joint + 1):
-                _, _, axis, origin, slides = frames[i]
-                J[:, i] = axis if slides else casadi.cross(axis, point - origin)
+                frame = frames[i]
+                J[:, i] = frame.axis if frame.slides else casadi.cross(frame.axis, point - frame.origin)
             points.append(point)
             jacobians.append(casadi.vec(J))
             lengths = casadi.vertcat(*[_norm(J[:, i]) for i in range(n)])
@@ -291,7 +324,10 @@ def distance_rows(
     """
     rows, n = _Rows(robot), robot.n
     q, low, high = (casadi.MX.sym(name, n) for name in ("q", "low", "high"))
-    settings, box = casadi.MX.sym("settings", RowSettings.SIZE), casadi.MX.sym("boxes", Box.SIZE, max(boxes, 1))
+    settings, box = (
+        casadi.MX.sym("settings", RowSettings.SIZE),
+        casadi.MX.sym("boxes", Box.SIZE, max(boxes, 1)),
+    )
     placed = _placed_capsules(robot, capsules)(q, low, high)
     shared = [low, high, settings]
     length = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1)
@@ -306,7 +342,9 @@ def distance_rows(
         parts.append(mapped(placed[:, first], placed[:, second], casadi.DM(constants), *shared))
     if table_ends:
         which = [end[0] for end in table_ends]
-        constants = np.stack([capsules.radius[which], [end[1] for end in table_ends], [end[2] for end in table_ends]])
+        constants = np.stack(
+            [capsules.radius[which], [end[1] for end in table_ends], [end[2] for end in table_ends]]
+        )
         mapped = _table_row(rows).map("table_rows", "serial", len(table_ends), [2, 3, 4], [])
         parts.append(mapped(placed[:, which], casadi.DM(constants), *shared))
     if boxes:
@@ -316,7 +354,9 @@ def distance_rows(
         each = _box_pair(rows).map("capsules", "serial", len(which), [2, 3, 4, 5], [])
         some, one = casadi.MX.sym("some", placed.shape[0], len(which)), casadi.MX.sym("box", Box.SIZE)
         symbols = [casadi.MX.sym(f"s{k}", *x.shape) for k, x in enumerate(shared)]
-        with_box = casadi.Function("with_box", [some, one, *symbols], [casadi.vec(each(some, casadi.DM(constants), one, *symbols))])
+        with_box = casadi.Function(
+            "with_box", [some, one, *symbols], [casadi.vec(each(some, casadi.DM(constants), one, *symbols))]
+        )
         mapped = with_box.map("with_boxes", "serial", boxes, [0, 2, 3, 4], [])
         found = mapped(placed[:, which], box, *shared)
         parts.append(casadi.reshape(found, HEAD + n, len(which) * boxes))

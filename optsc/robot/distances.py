@@ -1,0 +1,226 @@
+"""Signed distances of an arm to the table, to named obstacles and to itself, as rows on its joint velocity.
+
+Links are capsules (`optsc.robot.capsules`), obstacles are boxes around their convex parts: both hold what they stand
+for, so distances are never overestimated. Everything is worked out in one call of a compiled function
+(`optsc.robot.kernels.distances`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optsc.errors import InvalidValue, UnknownName
+from optsc.geometry import Pose, TriangleMesh
+from optsc.geometry.rotation import Array
+from optsc.robot.boxes import boxes_of
+from optsc.robot.capsules import LinkCapsules, link_capsules
+from optsc.robot.collision import TABLE, CollisionModel, Shape
+from optsc.robot.kernels.distances import FLAT, HEAD, Box, RowSettings, distance_rows
+from optsc.robot.kernels.kernel import Kernel, build_kernel
+from optsc.robot.model import RobotModel
+
+SAMPLES = 400
+"""Random postures that tell which distances change at all."""
+TRAVEL = 0.02
+"""A distance within the robot that changes by less than this [m] over all postures is no matter of control."""
+SPARE_AT_HOME = 0.5
+"""Share of a distance at home that a margin may take up, where links are built close together."""
+EVERYTHING = 1e6
+"""Joint speed [rad/s] at which no pair is skipped as too far away to matter."""
+
+
+class Pair(NamedTuple):
+    """Two bodies that are kept apart: a link, and another link, the table or an obstacle."""
+
+    link: str
+    other: str
+
+
+class DistanceRows(NamedTuple):
+    """What matters at a tick.
+
+    Attributes:
+        index: (m,) into `DistanceModel.pairs`.
+        distance: (m,) [m]; negative where bodies overlap.
+        lower: (m,) the rate [m/s] that each distance must not fall faster than; what an obstacle's own motion does
+            to it is taken off.
+        gradient: (m, n) of the distances in the posture [m/rad].
+        need: (m,) how far [m/s] the worst joint velocity of this tick would fall below `lower`; negative.
+    """
+
+    index: np.ndarray
+    distance: Array
+    lower: Array
+    gradient: Array
+    need: Array
+
+
+class DistanceModel:
+    """The distances of an arm and its hand.
+
+    Links are compared as `CollisionModel` compares them. Left out besides: capsules that overlap at home where the
+    links themselves do not, and distances that no motion changes.
+
+    It owns scratch memory: ask it from one thread at a time.
+
+    Args:
+        robot: the arm.
+        obstacles: shape and pose X_WO of everything that must not be touched, by name.
+        table_height: z of the table top [m]; None for no table.
+        margin: distance that is kept [m].
+        boxes: how many boxes an obstacle is made of at most.
+
+    Raises:
+        InvalidValue: an impossible margin, an obstacle called "table", or a part without volume.
+        DamagedFile: the description or one of its collision meshes cannot be read.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        obstacles: Mapping[str, tuple[Shape, Pose]] | None = None,
+        table_height: float | None = 0.0,
+        margin: float = 0.01,
+        boxes: int = 4,
+    ) -> None:
+        if not 0.0 <= margin < 1.0:
+            raise InvalidValue("collision margin", margin, "0 to 1 m")
+        obstacles = dict(obstacles or {})
+        if TABLE in obstacles:
+            raise InvalidValue("obstacle name", TABLE, "any name but that of the table")
+        self.robot, self.capsules = robot, link_capsules(robot)
+        self.settings = np.zeros(RowSettings.SIZE)
+        self.settings[RowSettings.MARGIN] = margin
+        self.settings[RowSettings.TABLE_HEIGHT] = 0.0 if table_height is None else table_height
+        self._parts: dict[str, tuple[slice, Array, Array, Array]] = {}
+        count = 0
+        for name, (shape, _) in obstacles.items():
+            meshes = (shape,) if isinstance(shape, TriangleMesh) else tuple(shape)
+            R, centre, half = boxes_of(meshes, boxes, name)
+            self._parts[name] = (slice(count, count + len(half)), R, centre, half)
+            count += len(half)
+        # Sizes in steps, so that few functions are built for many scenes.
+        self._slots = 0 if count == 0 else max(4, 1 << (count - 1).bit_length())
+        self_pairs, table_ends = _relevant(robot, self.capsules, table_height, margin)
+        self._kernel = build_kernel(distance_rows(robot, self.capsules, self_pairs, table_ends, self._slots))
+        self._lay_out(self_pairs, table_ends)
+        self._q, self._low, self._high, settings, self._boxes = self._kernel.inputs
+        settings[:] = self.settings
+        self.settings = settings
+        self._rows = self._kernel.outputs[0].T  # (P, 3 + n)
+        self._boxes[Box.ABSENT] = 1.0
+        for name, (_, X_WO) in obstacles.items():
+            self._boxes[Box.ABSENT, self._parts[name][0]] = 0.0
+            self.move(name, X_WO)
+
+    def _lay_out(self, self_pairs: list[tuple[int, int, float]], table_ends: list[tuple[int, int, float]]) -> None:
+        link = self.capsules.link
+        pairs = [Pair(link[a], link[b]) for a, b, _ in self_pairs]
+        pairs += [Pair(link[a], TABLE) for a, _, _ in table_ends]
+        owner = [""] * self._slots
+        for name, (where, *_) in self._parts.items():
+            owner[where] = [name] * (where.stop - where.start)
+        moving = np.flatnonzero(self.capsules.joint >= 0).tolist()
+        self.pairs: tuple[Pair, ...] = (*pairs, *(Pair(link[a], name) for name in owner for a in moving))
+        """The two bodies of every row there can be; links of several capsules appear several times."""
+
+    def _slot(self, name: str) -> tuple[slice, Array, Array, Array]:
+        if name not in self._parts:
+            raise UnknownName("obstacle", name, self._parts)
+        return self._parts[name]
+
+    def move(self, name: str, X_WO: Pose, twist: ArrayLike | None = None) -> None:
+        """Place an obstacle at ``X_WO``, moving with ``twist`` (6,), linear [m/s] of its origin over angular [rad/s], in W.
+
+        Raises:
+            UnknownName: no such obstacle.
+            InvalidValue: a twist that is not six finite numbers.
+        """
+        where, R, centre, half = self._slot(name)
+        R_WO = X_WO.rotation_matrix()
+        turned = R_WO @ R
+        offset = centre @ R_WO.T
+        self._boxes[Box.ROTATION, where] = np.swapaxes(turned, 1, 2).reshape(-1, 9).T
+        self._boxes[Box.CENTRE, where] = (offset + X_WO.translation).T
+        self._boxes[Box.HALF, where] = half.T
+        if twist is None:
+            self._boxes[Box.LINEAR, where] = self._boxes[Box.ANGULAR, where] = 0.0
+            return
+        v = np.asarray(twist, dtype=float)
+        if v.shape != (6,) or not np.all(np.isfinite(v)):
+            raise InvalidValue("twist", v.tolist(), "six finite numbers")
+        self._boxes[Box.LINEAR, where] = (v[:3] + np.cross(v[3:], offset)).T
+        self._boxes[Box.ANGULAR, where] = v[3:, None]
+
+    def hand_may_touch(self, *names: str) -> None:
+        """Let the hand touch these obstacles, such as the one it is about to grasp, and no others; raise `UnknownName`."""
+        self._boxes[Box.HAND_MAY_TOUCH] = 0.0
+        for name in names:
+            self._boxes[Box.HAND_MAY_TOUCH, self._slot(name)[0]] = 1.0
+
+    def rows(self, q: Array, lowest: Array, highest: Array, most: int) -> DistanceRows:
+        """Return the rows that can matter at this tick, at most ``most`` of them, those in greatest need.
+
+        A pair is left out only where no velocity between ``lowest`` and ``highest`` (n,) brings it below its bound: what
+        is left out does not change the solution, so rows may come and go without a trace in the motion.
+        """
+        self._q[:], self._low[:], self._high[:] = q, lowest, highest
+        self._kernel.run()
+        rows = self._rows
+        index = np.flatnonzero(rows[:, 0] < 0.0)
+        if len(index) > most:
+            index = np.sort(index[np.argpartition(rows[index, 0], most)[:most]])
+        found = rows[index]
+        return DistanceRows(index, found[:, 2], found[:, 1], found[:, HEAD:], found[:, 0])
+
+    def distances(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Return the distances (P,) [m] of all `pairs` at a posture (n,) and their gradients (P, n); inf for an empty slot."""
+        self._q[:] = self.robot.checked(q)
+        self._low[:], self._high[:] = -EVERYTHING, EVERYTHING
+        self._kernel.run()
+        distance = self._rows[:, 2].copy()
+        distance[distance > EVERYTHING] = np.inf
+        return distance, self._rows[:, HEAD:].copy()
+
+
+def _relevant(
+    robot: RobotModel, capsules: LinkCapsules, table_height: float | None, margin: float
+) -> tuple[list[tuple[int, int, float]], list[tuple[int, int, float]]]:
+    """Return the pairs of capsules and the ends of capsules over the table that are kept apart, with their margins."""
+    linked = {frozenset(pair) for pair in CollisionModel(robot).self_pairs}
+    count = len(capsules.link)
+    pairs = [
+        (a, b, 0.0)
+        for a in range(count)
+        for b in range(a + 1, count)
+        if frozenset((capsules.link[a], capsules.link[b])) in linked
+    ]
+    ends = []
+    if table_height is not None:
+        length = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1)
+        ends = [(c, e, 0.0) for c in range(count) if capsules.joint[c] >= 0 for e in (0, 1) if e == 0 or length[c] > 1e-3]
+    height = 0.0 if table_height is None else table_height
+    kernel = build_kernel(distance_rows(robot, capsules, pairs, ends, 0))
+    kernel.inputs[1][:], kernel.inputs[2][:] = -EVERYTHING, EVERYTHING
+    kernel.inputs[3][RowSettings.TABLE_HEIGHT] = height
+    postures = [robot.home, *robot.random_posture(np.random.default_rng(0), (SAMPLES,))]
+    distance = np.array([_distances_at(kernel, q) for q in postures])
+    travel = np.ptp(distance, axis=0)
+    kept = []
+    for k, item in enumerate((*pairs, *ends)):
+        if distance[0, k] > 0.0 and travel[k] > TRAVEL:
+            kept.append((item[0], item[1], min(margin, SPARE_AT_HOME * float(distance[0, k]))))
+        else:
+            kept.append(None)
+    chosen_pairs = [item for item in kept[: len(pairs)] if item is not None]
+    return chosen_pairs, [item for item in kept[len(pairs) :] if item is not None]
+
+
+def _distances_at(kernel: Kernel, q: Array) -> Array:
+    kernel.inputs[0][:] = q
+    kernel.run()
+    return kernel.outputs[0][2].copy()
