@@ -157,6 +157,9 @@ class SharedController:
         if event is Event.TRIGGERED and self.mode is Mode.MANUAL:
             refusal = self._choose()
             event, reason = (None, refusal) if refusal else (event, reason)
+        if self.mode is Mode.HOLD and next_mode(self.mode, event) is not Mode.HOLD and self._lag(measured) > LARGEST_LAG:
+            # Something stopped the arm. It goes on from where it is: its old command would push it there again.
+            self.servo.reset_posture(measured.q)
         self._change(event)
         time, mode = self.time, self.mode
         outcome = self._activity.step(self.servo, HandInput(self._hand, new, self._clutch), measured.opening)
@@ -195,14 +198,16 @@ class SharedController:
         return Event.TRIGGERED if triggered else Event.ENGAGED if engaged else None, "", True
 
     def _fault(self, measured: FollowerState) -> str:
-        lag = float(np.abs(measured.q - self.servo.guard.q).max())
-        if not lag <= LARGEST_LAG:
-            return (
-                "the measured posture is not finite"
-                if lag != lag
-                else f"the arm is {lag:.2f} rad off its command"
-            )
+        lag = self._lag(measured)
+        if lag != lag:
+            return "the measured posture is not finite"
+        # While holding it is known already, and must not keep the operator from leading the arm away.
+        if lag > LARGEST_LAG and self.mode is not Mode.HOLD:
+            return f"the arm is {lag:.2f} rad off its command"
         return ""
+
+    def _lag(self, measured: FollowerState) -> float:
+        return float(np.abs(measured.q - self.servo.guard.q).max())
 
     def _rank_if_due(self) -> None:
         if self._candidates is None:

@@ -20,7 +20,7 @@ from optsc.errors import InvalidValue
 from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
-from optsc.ik import DifferentialIK, IkSettings, make_solver
+from optsc.ik import Avoidance, DifferentialIK, IkSettings, make_solver
 from optsc.operators import prediction
 from optsc.operators.prediction import REST, PredictionSettings, Track
 from optsc.robot import RobotModel
@@ -35,6 +35,7 @@ class Status(Enum):
 
     FOLLOWING = "following"
     LIMITED = "held back by a joint limit"
+    BLOCKED = "held back by something near"
     UNREACHABLE = "the target is out of reach"
     STALE = "no new target for too long"
     INVALID = "the target was refused"
@@ -120,6 +121,7 @@ class Servo:
         rate: control rate [Hz]; `step` is called once per period.
         settings: how a target is followed.
         solver: name of the QP solver, see `optsc.ik.solver_names`.
+        avoid: what the arm keeps clear of; nothing by default.
 
     Raises:
         InvalidValue: a rate that is not positive.
@@ -132,11 +134,12 @@ class Servo:
         rate: float = 500.0,
         settings: ServoSettings | None = None,
         solver: str = "daqp",
+        avoid: Avoidance | None = None,
     ) -> None:
         if not (np.isfinite(rate) and rate > 0):
             raise InvalidValue("rate", rate, "positive and finite [Hz]")
         self.robot, self.rate, self.period = robot, rate, 1.0 / rate
-        self.settings = settings or ServoSettings()
+        self.settings, self.avoid = settings or ServoSettings(), avoid
         self.guard = JointGuard(robot.limits, self.period)
         self.ik = DifferentialIK(robot, self.period, self.settings.ik, make_solver(solver))
         self._model = build_kernel(reference_model())
@@ -153,6 +156,12 @@ class Servo:
         self.guard.reset(self.robot.checked(q), v)
         self.ticks = 0
         self._track: Track | None = None
+        self._stopped = True
+
+    def reset_posture(self, q: ArrayLike) -> None:
+        """Go on from posture ``q`` (n,) [rad], at rest, without turning back the clock; raise `InvalidValue`."""
+        self.guard.reset(self.robot.checked(q))
+        self.forget()
         self._stopped = True
 
     @property
@@ -228,7 +237,9 @@ class Servo:
         target[:] = (*p, *q, *v, *w, *a, *b)
         model.run()
         reference, guard = self._reference, self.guard
-        step = self.ik.solve(guard.q, reference[:7], self._next_reference[7:13], guard.lowest, guard.highest)
+        lowest, highest = guard.lowest, guard.highest
+        rows = None if self.avoid is None else self.avoid.rows(guard.q, lowest, highest)
+        step = self.ik.solve(guard.q, reference[:7], self._next_reference[7:13], lowest, highest, rows)
         reference[:] = self._next_reference
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
@@ -258,6 +269,10 @@ class Servo:
 
     def _verdict(self, wanted: Array, far: bool) -> tuple[Status, str]:
         guard = self.guard
+        near = None if self.avoid is None else self.avoid.blocking(wanted)
+        if near is not None:
+            reason = f"{near.link} is {1e3 * near.distance:.0f} mm from {near.other}"
+            return (Status.UNREACHABLE if far else Status.BLOCKED), reason
         at_low, at_high = wanted <= guard.lowest, wanted >= guard.highest
         if not (at_low | at_high).any():
             return (Status.UNREACHABLE, "no joint leads nearer") if far else (Status.FOLLOWING, "")

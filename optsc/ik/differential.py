@@ -92,6 +92,8 @@ class IkStep(NamedTuple):
         error: reference minus present tool pose (6,), in the tool frame [m, rad].
         volume: volume of the manipulability ellipsoid at the present posture (Yoshikawa's index).
         iterations: of the solver.
+        reason: why not solved; empty when solved.
+        slack: how far soft rows are missed at most, in their own unit.
     """
 
     velocity: Array
@@ -100,6 +102,7 @@ class IkStep(NamedTuple):
     volume: float
     iterations: int
     reason: str
+    slack: float = 0.0
 
 
 @dataclass(eq=False)
@@ -162,4 +165,5 @@ class DifferentialIK:
             float(self._volume[0]),
             solution.iterations,
             solution.reason,
+            solution.slack,
         )

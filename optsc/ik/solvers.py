@@ -16,21 +16,34 @@ ITERATION_LIMIT = 100
 """A tick's problem needs a handful; without a cap ProxQP spends minutes on an infeasible or non-finite one."""
 
 
+UNBOUNDED = 1e30
+"""What all solvers take for no bound."""
+
+
 class Rows(NamedTuple):
-    """Linear constraints lower <= matrix x <= upper: matrix (m, n), lower and upper (m,)."""
+    """Linear constraints lower <= matrix x <= upper: matrix (m, n), lower and upper (m,).
+
+    With a ``weight`` they are soft: missing them by s (m,) is allowed and adds weight s's / 2 to the cost. The bounds on x
+    itself stay hard.
+    """
 
     matrix: Array
     lower: Array
     upper: Array
+    weight: float | None = None
 
 
 class QpSolution(NamedTuple):
-    """Minimiser x (n,), whether it is one, how many iterations it took, and otherwise why not."""
+    """Minimiser x (n,), whether it is one, how many iterations it took, and otherwise why not.
+
+    ``slack`` is the most that any of the rows is missed by; above rounding only where they are soft.
+    """
 
     x: Array
     solved: bool
     iterations: int
     reason: str = ""
+    slack: float = 0.0
 
 
 class QpSolver(Protocol):
@@ -41,6 +54,31 @@ class QpSolver(Protocol):
     def solve(self, H: Array, g: Array, lower: Array, upper: Array, rows: Rows | None = None) -> QpSolution:
         """Return the minimiser of 1/2 x'Hx + g'x with lower <= x <= upper and ``rows``; never raises."""
         ...
+
+
+def solve_soft(
+    solver: QpSolver, H: Array, g: Array, lower: Array, upper: Array, rows: Rows, weight: float
+) -> QpSolution:
+    """Return the minimiser with soft rows: the same problem with one variable more for each row.
+
+    The added variables are the slacks times the root of the weight, so that they count one in the cost and the problem stays
+    well conditioned.
+    """
+    n, m = len(g), len(rows.lower)
+    wide_H, wide_matrix = np.zeros((n + m, n + m)), np.zeros((m, n + m))
+    wide_H[:n, :n] = H
+    wide_matrix[:, :n] = rows.matrix
+    index = np.arange(m)
+    wide_H[n + index, n + index] = 1.0
+    wide_matrix[index, n + index] = weight**-0.5
+    wide_g, ends = np.zeros(n + m), np.empty((2, n + m))
+    wide_g[:n] = g
+    ends[0, :n], ends[1, :n], ends[0, n:], ends[1, n:] = lower, upper, -UNBOUNDED, UNBOUNDED
+    solution = solver.solve(wide_H, wide_g, ends[0], ends[1], Rows(wide_matrix, rows.lower, rows.upper))
+    x = solution.x[:n]
+    value = rows.matrix @ x
+    slack = float(np.maximum(rows.lower - value, value - rows.upper).max(initial=0.0))
+    return solution._replace(x=x, slack=slack)
 
 
 class DaqpSolver:
@@ -55,6 +93,8 @@ class DaqpSolver:
 
     def solve(self, H: Array, g: Array, lower: Array, upper: Array, rows: Rows | None = None) -> QpSolution:
         """Return the minimiser; see `QpSolver`."""
+        if rows is not None and rows.weight is not None:
+            return solve_soft(self, H, g, lower, upper, rows, rows.weight)
         n = len(g)
         if rows is None:
             matrix = self._no_rows.setdefault(n, np.zeros((0, n)))
@@ -90,6 +130,8 @@ class ProxQpSolver:
 
     def solve(self, H: Array, g: Array, lower: Array, upper: Array, rows: Rows | None = None) -> QpSolution:
         """Return the minimiser; see `QpSolver`."""
+        if rows is not None and rows.weight is not None:
+            return solve_soft(self, H, g, lower, upper, rows, rows.weight)
         n, m = len(g), 0 if rows is None else len(rows.lower)
         if not np.isfinite(H.sum() + g.sum() + lower.sum() + upper.sum()):
             return QpSolution(np.zeros(n), False, 0, "proxqp: the problem is not finite")
@@ -120,10 +162,13 @@ class QpSolversBackend:
 
     def solve(self, H: Array, g: Array, lower: Array, upper: Array, rows: Rows | None = None) -> QpSolution:
         """Return the minimiser; see `QpSolver`."""
+        if rows is not None and rows.weight is not None:
+            return solve_soft(self, H, g, lower, upper, rows, rows.weight)
         G, h = None, None
         if rows is not None:
-            G = np.vstack([rows.matrix, -rows.matrix])
             h = np.concatenate([rows.upper, -rows.lower])
+            bounded = h < UNBOUNDED
+            G, h = np.vstack([rows.matrix, -rows.matrix])[bounded], h[bounded]
         if not np.isfinite(H.sum() + g.sum() + lower.sum() + upper.sum()):
             return QpSolution(np.zeros(len(g)), False, 0, f"{self.name}: the problem is not finite")
         problem = self._qpsolvers.Problem(np.asarray(H), g, G, h, None, None, lower, upper)

@@ -24,6 +24,7 @@ class AimParameters:
         distance: range of the distance from the tool to the object's middle [m].
         roll: greatest turn of the closing axis out of the horizontal, about the tool's z axis [rad].
         middle: height of an object's middle over the centre of its base [m].
+        nearest: horizontal distance that the tool keeps from the robot's base, if it can [m].
         clearance: distance that the tool keeps from the middles of other objects, if it can [m].
         draws: how many ready poses are considered for it.
         adjustment: how much of each range a renewed attempt may change [-].
@@ -34,6 +35,7 @@ class AimParameters:
     distance: tuple[float, float] = (0.12, 0.20)
     roll: float = radians(20.0)
     middle: float = 0.05
+    nearest: float = 0.33
     clearance: float = 0.14
     draws: int = 12
     adjustment: float = 0.15
@@ -43,7 +45,7 @@ class AimParameters:
             a, b = getattr(self, name)
             if not (low <= a <= b <= high and np.isfinite(b)):
                 raise InvalidValue(name, (a, b), f"lower, upper within {low} to {high}")
-        for name, high in (("azimuth", pi), ("roll", pi), ("clearance", np.inf), ("adjustment", 1.0)):
+        for name, high in (("azimuth", pi), ("roll", pi), ("nearest", np.inf), ("clearance", np.inf), ("adjustment", 1.0)):
             if not 0.0 <= getattr(self, name) <= high:
                 raise InvalidValue(name, getattr(self, name), f"0 to {high}")
         if not np.isfinite(self.middle):
@@ -92,19 +94,24 @@ def draw_aim(
 ) -> Aim:
     """Return a ready pose for the object at ``X_WO``, as a person with the tool at ``X_WT`` would choose it.
 
-    Of ``aims.draws`` random ones it is the first that keeps clear of the ``others``, on the way there and
-    once there, or the clearest if none does; the jaws are taken the way round that needs less turning.
+    Of ``aims.draws`` random ones it is the first that keeps clear of the robot's base and of the ``others``, on the
+    way there and once there, or the clearest if none does; the jaws are taken the way round that needs less turning.
     """
     middles = [X.apply([0.0, 0.0, aims.middle]) for X in others]
+
+    def room(aim: Aim) -> float:
+        X_WR = aim.pose(X_WO, aims.middle)
+        from_base = float(np.linalg.norm(X_WR.translation[:2])) - aims.nearest
+        return min(_clearance(X_WT, X_WR, middles) - aims.clearance, from_base)
+
     best = _random_aim(rng, aims)
-    best_clearance = _clearance(X_WT, best.pose(X_WO, aims.middle), middles)
+    most = room(best)
     for _ in range(aims.draws - 1):
-        if best_clearance >= aims.clearance:
+        if most >= 0.0:
             break
         aim = _random_aim(rng, aims)
-        clearance = _clearance(X_WT, aim.pose(X_WO, aims.middle), middles)
-        if clearance > best_clearance:
-            best, best_clearance = aim, clearance
+        if room(aim) > most:
+            best, most = aim, room(aim)
     return _with_nearer_jaws(best, X_WO, X_WT, aims)
 
 

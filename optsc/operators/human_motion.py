@@ -39,7 +39,8 @@ class HumanParameters:
         rotation_tolerance: the same for its orientation [rad]; ours.
         reaction: from seeing an error to moving against it [s]; 0.12 to 0.20 (Saunders and Knill 2005).
         patience: longest wait for a tool that has not come to rest [s]; ours.
-        corrections: most corrective movements before the person takes the pose as it is; ours.
+        corrections: most corrective movements before the person gives a pose up; ours.
+        attempts: how many other poses are then tried before the person takes one as it is; ours.
         motor_noise: standard deviation of the hand's velocity noise, as a share of its speed [-]: noise that
             grows with the signal (Harris and Wolpert 1998). Value ours: a reach of 1 s ends 4 % off.
         motor_noise_time: correlation time of that noise [s]: the muscle's low-pass of two stages of 30 and
@@ -70,6 +71,7 @@ class HumanParameters:
     reaction: float = 0.2
     patience: float = 2.0
     corrections: int = 4
+    attempts: int = 3
     motor_noise: float = 0.084
     motor_noise_time: float = 0.07
     tremor: float = 0.2e-3

@@ -162,7 +162,7 @@ class _Person:
         self._reach = 0
         self._aim = self._fresh_aim(view)
         self._movement: Movement | None = None
-        self._corrections = 0
+        self._corrections = self._attempts = 0
         self._triggered = self._trigger_not_before = view.time
         self._robot_began = False
 
@@ -203,7 +203,7 @@ class _Person:
                 self.phase, self._since = _Phase.WATCH, time
             case _Phase.WATCH:
                 self._movement = None
-                self._watch(time, in_phase)
+                self._watch(time, in_phase, view)
             case _Phase.DWELL if in_phase >= self._human.dwell and time >= self._trigger_not_before:
                 self._triggered, self._robot_began = time, False
                 self._enter(_Phase.HAND_OVER, time)
@@ -220,8 +220,8 @@ class _Person:
         if phase is not self.phase:
             self.phase, self._since, self._movement = phase, time, None
 
-    def _watch(self, time: float, waited: float) -> None:
-        """Correct the hand until the tool is seen where it is wanted, or there is no use in it."""
+    def _watch(self, time: float, waited: float, view: OperatorView) -> None:
+        """Correct the hand until the tool is seen where it is wanted; where the arm cannot get there, aim anew."""
         if waited < self._human.reaction:
             return
         X_WT, at_rest = self._perceived(time)
@@ -231,8 +231,12 @@ class _Person:
         distance = float(np.linalg.norm(X_WR.translation - X_WT.translation))
         angle = float(rotation.angle(X_WR.quaternion, X_WT.quaternion))
         near = distance <= self._human.position_tolerance and angle <= self._human.rotation_tolerance
-        if near or self._corrections >= self._human.corrections:
+        if near or (self._corrections >= self._human.corrections and self._attempts >= self._human.attempts):
             self._enter(_Phase.DWELL, time)
+            return
+        if self._corrections >= self._human.corrections:
+            self._attempts += 1
+            self._reach_out(time, view, self._fresh_aim(view))
             return
         self._corrections += 1
         # Seen errors are corrected as errors: the hand turns on by what the tool still lacks.
@@ -248,7 +252,9 @@ class _Person:
                 self._enter(_Phase.TAKE_OVER, time)
         elif self._robot_began or time - self._triggered >= self._human.retrigger:
             self._trigger_not_before = time + self._human.retrigger
-            self._reach_out(time + self._human.reaction, view, self._adjusted_aim(view))
+            # What the robot has refused is tried from another side; what it broke off, once more much the same.
+            aim = self._adjusted_aim(view) if self._robot_began else self._fresh_aim(view)
+            self._reach_out(time + self._human.reaction, view, aim)
 
     def _regain(self, time: float, view: OperatorView) -> None:
         waited = time - self._since
@@ -257,6 +263,7 @@ class _Person:
                 self._enter(_Phase.TAKE_OVER, time)
         elif waited >= self._human.reaction:
             self._reach += 1
+            self._attempts = 0
             if self._reach == len(self._plan):
                 self._enter(_Phase.DONE, time)
             else:

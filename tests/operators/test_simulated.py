@@ -204,7 +204,7 @@ def test_a_miss_is_seen_and_corrected():
     goal = Aim(elevation=1.0, azimuth=0.0, distance=0.15, roll=0.0).pose(OBJECTS["can"], aims.middle)
     worst = {}
     for corrections in (0, 6):
-        human = HumanParameters(motor_noise=0.4, corrections=corrections)
+        human = HumanParameters(motor_noise=0.4, corrections=corrections, attempts=0)
         trials = [act_out(Simulated(seed, [Reach("can")], human=human, aims=aims), 9.0) for seed in range(4)]
         worst[corrections] = max(np.linalg.norm(t.X_WT[0].translation - goal.translation) for t in trials)
     # What drifts and trembles after the last look comes on top of the tolerance.
@@ -304,3 +304,20 @@ def test_an_object_that_is_not_there_is_refused_at_the_first_view():
 def test_habits_out_of_range_are_refused(make):
     with pytest.raises(InvalidValue):
         make()
+
+
+def test_a_person_tries_another_side_where_the_arm_does_not_get_to():
+    tool = Pose.from_quaternion([0.0, 1.0, 0.0, 0.0], [0.3, 0.0, 0.5])
+
+    def stuck_view(k):
+        return OperatorView(k / 500.0, tool, False, False, OBJECTS)
+
+    human = HumanParameters(corrections=1, attempts=2, patience=0.3)
+    operator = Simulated(0, [Reach("can")], human=human)
+    pressed = []
+    for k in range(500 * 20):
+        sample = operator.read(stuck_view(k))
+        if sample is not None and sample.trigger:
+            pressed.append(sample.stamp)
+    # The trigger comes only after the first aim and two others were given up.
+    assert pressed[0] > 3 * human.patience

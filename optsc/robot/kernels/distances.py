@@ -39,8 +39,8 @@ HEAD = 3
 class RowSettings:
     """Layout of the settings vector; see `optsc.ik.avoidance` for meaning and units."""
 
-    SIZE = 7
-    MARGIN, TABLE_HEIGHT, BRAKING, LEAST_BRAKING, MOST_BRAKING, DELAY, PUSH = range(7)
+    SIZE = 6
+    MARGIN, TABLE_HEIGHT, BRAKING, MOST_BRAKING, DELAY, PUSH = range(6)
 
 
 class Box:
@@ -87,22 +87,33 @@ def _joint_frames(robot: RobotModel, q: casadi.SX) -> list[_Frame]:
 class _Rows:
     """Expressions that turn a distance and its gradient into one row, for an arm of n joints."""
 
+    CAPSULE = 8  # two ends, greatest speed of a point at this tick, number of the joint
+
     def __init__(self, robot: RobotModel) -> None:
         n = self.n = robot.n
-        self.capsule = casadi.SX.sym("capsule", 8 + 6 * n)
-        self.other = casadi.SX.sym("other", 8 + 6 * n)
+        self.capsule = casadi.SX.sym("capsule", self.CAPSULE)
+        self.other = casadi.SX.sym("other", self.CAPSULE)
         self.low, self.high = casadi.SX.sym("low", n), casadi.SX.sym("high", n)
         self.settings = casadi.SX.sym("settings", RowSettings.SIZE)
-        self.shared = [self.low, self.high, self.settings]
+        self.axes = casadi.SX.sym("axes", 6, n)
+        self.shared = [self.low, self.high, self.settings, self.axes]
+        self.slides = [axis_of(robot, i)[1] for i in range(n)]
         self.acceleration = casadi.DM(robot.limits.acceleration)
+        self.stop_rate = float(np.min(robot.limits.acceleration / robot.limits.velocity))
 
     def ends(self, capsule: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
+        """The ends of a capsule's segment."""
         return capsule[0:3], capsule[3:6]
 
-    def jacobian(self, capsule: casadi.SX, t: casadi.SX) -> casadi.SX:
-        """The Jacobian (3, n) of the point at share ``t`` of a capsule's segment."""
-        size = 3 * self.n
-        return casadi.reshape((1 - t) * capsule[8 : 8 + size] + t * capsule[8 + size :], 3, self.n)
+    def along(self, capsule: casadi.SX, point: casadi.SX, direction: casadi.SX) -> casadi.SX:
+        """How fast (n) a point of a capsule moves along a direction as each joint moves at unit speed."""
+        moment = casadi.cross(point, direction)
+        entries = []
+        for i in range(self.n):
+            axis, origin = self.axes[:3, i], self.axes[3:, i]
+            arm = direction if self.slides[i] else moment - casadi.cross(origin, direction)
+            entries.append((capsule[7] >= i) * casadi.dot(axis, arm))
+        return casadi.vertcat(*entries)
 
     def row(
         self, distance: casadi.SX, gradient: casadi.SX, drift: casadi.SX | float, margin: casadi.SX
@@ -110,7 +121,7 @@ class _Rows:
         """(need, lower, distance, gradient (n)); a row can matter at this tick only where its need is below zero."""
         s, spare = self.settings, distance - margin
         able = s[RowSettings.BRAKING] * casadi.dot(casadi.fabs(gradient), self.acceleration)
-        able = casadi.fmin(casadi.fmax(able, s[RowSettings.LEAST_BRAKING]), s[RowSettings.MOST_BRAKING])
+        able = casadi.fmin(able, s[RowSettings.MOST_BRAKING])
         delay = s[RowSettings.DELAY]
         braking = casadi.sqrt((able * delay) ** 2 + 2.0 * able * casadi.fmax(spare, 0.0)) - able * delay
         outwards = casadi.fmax(spare / delay, -s[RowSettings.PUSH])
@@ -124,24 +135,46 @@ class _Rows:
         """What stands for the row of a pair that cannot matter: the distance is a lower bound."""
         return casadi.densify(casadi.vertcat(1.0, 0.0, distance, casadi.SX(self.n, 1)))
 
-    def within(self, distance: casadi.SX, speed: casadi.SX, margin: casadi.SX) -> casadi.SX:
-        """Whether a pair at least ``distance`` apart that closes in at most at ``speed`` may need a row."""
-        s = self.settings
-        stopping = speed * s[RowSettings.DELAY] + speed * speed / (2.0 * s[RowSettings.LEAST_BRAKING])
-        return distance - margin < stopping
-
-    def pair(
-        self, name: str, inputs: list[casadi.SX], bound: casadi.SX, near: casadi.SX, row: casadi.SX
-    ) -> casadi.Function:
-        """Return the function of one pair, which works out its row only where ``near``."""
-        arguments = [*inputs, *self.shared]
-        shapes = [x.shape for x in arguments]
-        symbols = [casadi.MX.sym(f"x{i}", *shape) for i, shape in enumerate(shapes)]
+    def pair(self, name: str, inputs: list[casadi.SX], bound: casadi.SX, row: casadi.SX) -> _Pair:
+        """Return the functions of one pair: a lower bound of its distance, and its row, skipped on demand."""
+        known = casadi.SX.sym("known")
+        arguments = [known, *inputs, *self.shared]
         exact = casadi.Function(f"{name}_exact", arguments, [row])
-        skipped = casadi.Function(f"{name}_skipped", arguments, [self.far(bound)])
-        test = casadi.Function(f"{name}_near", arguments, [near])
-        chosen = casadi.Function.if_else(f"{name}_row", exact, skipped)(test(*symbols), *symbols)
-        return casadi.Function(name, symbols, [chosen])
+        skipped = casadi.Function(f"{name}_skipped", arguments, [self.far(known)])
+        chosen = casadi.Function.if_else(f"{name}_row", exact, skipped)
+        return _Pair(casadi.Function(f"{name}_bound", inputs, [bound]), chosen, self.stop_rate)
+
+
+class _Pair(NamedTuple):
+    """Functions of one pair: inputs -> lower bound of the distance; (near, bound, inputs, shared inputs) -> row."""
+
+    bound: casadi.Function
+    row: casadi.Function
+    stop_rate: float
+
+    def each(
+        self,
+        inputs: Sequence[casadi.MX],
+        speed: casadi.MX,
+        margin: casadi.MX,
+        shared: Sequence[casadi.MX],
+        fixed: int = 0,
+    ) -> casadi.MX:
+        """Return the rows (3 + n, count) of pairs side by side; the last ``fixed`` inputs they have in common.
+
+        Pairs that can still brake from the greatest ``speed`` (1, count) [m/s] that they can have are skipped.
+        """
+        count, settings = speed.shape[1], shared[2]
+        common = list(range(len(inputs) - fixed, len(inputs) + len(shared)))
+        bound = self.bound.map("bounds", "serial", count, common[:fixed], [])(*inputs)
+        # With |g v| <= speed and deceleration share * sum |g_i| A_i, up to its cap, the way to rest is no longer than this.
+        delay, share, most = (
+            settings[k] for k in (RowSettings.DELAY, RowSettings.BRAKING, RowSettings.MOST_BRAKING)
+        )
+        time = delay + 0.5 * casadi.fmax(1.0 / (share * self.stop_rate), speed / most)
+        near = bound - margin < speed * time
+        rows = self.row.map("rows", "serial", count, [2 + k for k in common], [])
+        return rows(near, bound, *inputs, *shared)
 
 
 def _segments(a: Sequence[casadi.SX], b: Sequence[casadi.SX], c: casadi.SX) -> tuple[casadi.SX, ...]:
@@ -159,9 +192,9 @@ def _segments(a: Sequence[casadi.SX], b: Sequence[casadi.SX], c: casadi.SX) -> t
     return s, t, blend
 
 
-def _self_pair(rows: _Rows) -> casadi.Function:
-    """(capsule, capsule, constants (4): radii and blend, c of both, margin, ...) -> row."""
-    constants = casadi.SX.sym("constants", 4)
+def _self_pair(rows: _Rows) -> _Pair:
+    """Two capsules; constants (5): radii and blend, c of both, margin, radii and half lengths."""
+    constants = casadi.SX.sym("constants", 5)
     reach, c, margin = constants[0], constants[1:3], constants[3]
     a, b = rows.ends(rows.capsule), rows.ends(rows.other)
     s, t, blend = _segments(a, b, c)
@@ -170,12 +203,11 @@ def _self_pair(rows: _Rows) -> casadi.Function:
     normal = casadi.cross(a[1] - a[0], b[1] - b[0]) + 1e-9
     gap = casadi.if_else(casadi.dot(gap, gap) < TINY, 1e-6 * normal / _norm(normal), gap)
     length = casadi.sqrt(casadi.dot(gap, gap) + blend)
-    gradient = ((gap / length).T @ (rows.jacobian(rows.capsule, s) - rows.jacobian(rows.other, t))).T
-    centres = 0.5 * (a[0] + a[1]) - 0.5 * (b[0] + b[1])
-    bound = _norm(centres) - 0.5 * _norm(a[1] - a[0]) - 0.5 * _norm(b[1] - b[0]) - reach
-    near = rows.within(bound, rows.capsule[6] + rows.other[6], margin)
+    n, at_a, at_b = gap / length, a[0] + s * (a[1] - a[0]), b[0] + t * (b[1] - b[0])
+    gradient = rows.along(rows.capsule, at_a, n) - rows.along(rows.other, at_b, n)
+    bound = 0.5 * _norm(a[0] + a[1] - b[0] - b[1]) - constants[4]
     row = rows.row(length - reach, gradient, 0.0, margin)
-    return rows.pair("self_pair", [rows.capsule, rows.other, constants], bound, near, row)
+    return rows.pair("self_pair", [rows.capsule, rows.other, constants], bound, row)
 
 
 def _into_box(a: casadi.SX, b: casadi.SX, half: casadi.SX) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
@@ -237,9 +269,9 @@ def _nearest_to_box(a: casadi.SX, b: casadi.SX, half: casadi.SX, c: casadi.SX) -
     return left + (right - left) * _clip(-at_left / casadi.fmax(at_right - at_left, 1e-15))
 
 
-def _box_pair(rows: _Rows) -> casadi.Function:
-    """(capsule, constants (3): radius and blend, c, hand; box; margin from the settings) -> row."""
-    constants, box = casadi.SX.sym("constants", 3), casadi.SX.sym("box", Box.SIZE)
+def _box_pair(rows: _Rows) -> _Pair:
+    """A capsule; constants (4): radius and blend, c, hand, radius and half length; a box."""
+    constants, box = casadi.SX.sym("constants", 4), casadi.SX.sym("box", Box.SIZE)
     R, centre, half = casadi.reshape(box[Box.ROTATION], 3, 3), box[Box.CENTRE], box[Box.HALF]
     reach, margin = constants[0], rows.settings[RowSettings.MARGIN]
     a, b = (R.T @ (end - centre) for end in rows.ends(rows.capsule))
@@ -252,56 +284,51 @@ def _box_pair(rows: _Rows) -> casadi.Function:
     share = casadi.if_else(inside, deepest, t)
     n = R @ casadi.if_else(inside, normal, out / length)
     distance = casadi.if_else(inside, depth, length) - reach
-    gradient = (n.T @ rows.jacobian(rows.capsule, share)).T
     at_box = a + share * (b - a)
+    gradient = rows.along(rows.capsule, centre + R @ at_box, n)
     lever = R @ casadi.fmin(casadi.fmax(at_box, -half), half)
     drift = -casadi.dot(n, box[Box.LINEAR] + casadi.cross(box[Box.ANGULAR], lever))
     excluded = box[Box.ABSENT] + box[Box.HAND_MAY_TOUCH] * constants[2]
-    ends = rows.ends(rows.capsule)
-    middle = 0.5 * (a + b)
-    to_box = _norm(middle - casadi.fmin(casadi.fmax(middle, -half), half))
-    bound = to_box - 0.5 * _norm(ends[1] - ends[0]) - reach + 1e9 * excluded
-    drift_bound = _norm(box[Box.LINEAR]) + _norm(box[Box.ANGULAR]) * (_norm(half) + 2.0)
-    near = rows.within(bound, rows.capsule[6] + drift_bound, margin)
-    return rows.pair(
-        "box_pair", [rows.capsule, constants, box], bound, near, rows.row(distance, gradient, drift, margin)
-    )
+    middle = R.T @ (0.5 * (rows.capsule[0:3] + rows.capsule[3:6]) - centre)
+    outside = casadi.fmax(casadi.fabs(middle) - half, 0.0)
+    bound = _norm(outside) - constants[3] + 1e9 * excluded
+    row = rows.row(distance, gradient, drift, margin)
+    return rows.pair("box_pair", [rows.capsule, constants, box], bound, row)
 
 
 def _table_row(rows: _Rows) -> casadi.Function:
-    """(capsule, constants (3): radius, which end, margin) -> row."""
+    """A capsule; constants (3): radius, which end, margin; its height comes from the settings."""
     constants = casadi.SX.sym("constants", 3)
     end = constants[1]
     a, b = rows.ends(rows.capsule)
     height = a[2] + end * (b[2] - a[2]) - constants[0] - rows.settings[RowSettings.TABLE_HEIGHT]
-    gradient = rows.jacobian(rows.capsule, end)[2, :].T
-    near = rows.within(height, rows.capsule[6], constants[2])
+    gradient = rows.along(rows.capsule, a + end * (b - a), casadi.SX([0, 0, 1]))
     row = rows.row(height, gradient, 0.0, constants[2])
-    return rows.pair("table_row", [rows.capsule, constants], height, near, row)
+    return casadi.Function("table_row", [rows.capsule, constants, *rows.shared], [row])
 
 
 def _placed_capsules(robot: RobotModel, capsules: LinkCapsules) -> casadi.Function:
-    """(q, low, high) -> (8 + 6 n, C): ends, greatest speed of a point at this tick, spare, Jacobians of both ends."""
+    """(q, low, high) -> capsules (8, C) as `_Rows` has them, and axes and origins of the joints (6, n), in W."""
     n = robot.n
     q, low, high = (casadi.SX.sym(name, n) for name in ("q", "low", "high"))
     frames = _joint_frames(robot, q)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     columns = []
     for joint, ends in zip(capsules.joint.tolist(), capsules.ends, strict=True):
-        points, jacobians, speeds = [], [], []
+        points, speeds = [], []
         for end in ends:
             R, p = (casadi.SX.eye(3), casadi.SX(3, 1)) if joint < 0 else frames[joint][:2]
             point = p + R @ casadi.DM(end)
-            J = casadi.SX(3, n)
-            for i in range(joint + 1):
-                frame = frames[i]
-                J[:, i] = frame.axis if frame.slides else casadi.cross(frame.axis, point - frame.origin)
+            velocity, more = casadi.SX(3, 1), casadi.SX(0.0)
+            for i, frame in enumerate(frames[: joint + 1]):
+                column = frame.axis if frame.slides else casadi.cross(frame.axis, point - frame.origin)
+                velocity, more = velocity + column * middle[i], more + _norm(column) * half[i]
             points.append(point)
-            jacobians.append(casadi.vec(J))
-            lengths = casadi.vertcat(*[_norm(J[:, i]) for i in range(n)])
-            speeds.append(_norm(J @ middle) + casadi.dot(lengths, half))
-        columns.append(casadi.vertcat(*points, casadi.fmax(*speeds), 0.0, *jacobians))
-    return casadi.Function("placed_capsules", [q, low, high], [casadi.densify(casadi.horzcat(*columns))])
+            speeds.append(_norm(velocity) + more)
+        columns.append(casadi.vertcat(*points, casadi.fmax(*speeds), joint))
+    axes = casadi.horzcat(*[casadi.vertcat(frame.axis, frame.origin) for frame in frames])
+    outputs = [casadi.densify(casadi.horzcat(*columns)), casadi.densify(axes)]
+    return casadi.Function("placed_capsules", [q, low, high], outputs)
 
 
 def _blend(radius: Array, length: Array) -> Array:
@@ -318,7 +345,7 @@ def distance_rows(
 ) -> casadi.Function:
     """Return the function that gives one row for every pair.
 
-    Inputs: q (n); lowest and highest velocity of the next tick (n); settings (7), see `RowSettings`; boxes (23, B), see
+    Inputs: q (n); lowest and highest velocity of the next tick (n); settings (6), see `RowSettings`; boxes (23, B), see
     `Box`. Output: (3 + n, P) with need, lower bound, distance and gradient in each column. First the ``self_pairs``
     of capsules with their margins, then the ``table_ends`` (capsule, end, margin), then the moving capsules with each box.
     """
@@ -328,37 +355,42 @@ def distance_rows(
         casadi.MX.sym("settings", RowSettings.SIZE),
         casadi.MX.sym("boxes", Box.SIZE, max(boxes, 1)),
     )
-    placed = _placed_capsules(robot, capsules)(q, low, high)
-    shared = [low, high, settings]
+    placed, axes = _placed_capsules(robot, capsules)(q, low, high)
+    shared = [low, high, settings, axes]
     length = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1)
     parts = []
     if self_pairs:
-        first, second = ([pair[k] for pair in self_pairs] for k in (0, 1))
+        first, second, margin = ([pair[k] for pair in self_pairs] for k in range(3))
         radius = capsules.radius[first] + capsules.radius[second]
         # Each of the two segments is blended by half.
         c = 0.5 * _blend(radius, np.maximum(length[first], length[second]))
-        constants = np.stack([radius + BLEND, c, c, [pair[2] for pair in self_pairs]])
-        mapped = _self_pair(rows).map("self_pairs", "serial", len(self_pairs), [3, 4, 5], [])
-        parts.append(mapped(placed[:, first], placed[:, second], casadi.DM(constants), *shared))
+        reach = radius + 0.5 * (length[first] + length[second]) + BLEND
+        constants = casadi.DM(np.stack([radius + BLEND, c, c, margin, reach]))
+        inputs, speed = [placed[:, first], placed[:, second], constants], placed[6, first] + placed[6, second]
+        parts.append(_self_pair(rows).each(inputs, speed, casadi.DM(margin).T, shared))
     if table_ends:
-        which = [end[0] for end in table_ends]
-        constants = np.stack(
-            [capsules.radius[which], [end[1] for end in table_ends], [end[2] for end in table_ends]]
-        )
-        mapped = _table_row(rows).map("table_rows", "serial", len(table_ends), [2, 3, 4], [])
-        parts.append(mapped(placed[:, which], casadi.DM(constants), *shared))
+        which, end, margin = ([one[k] for one in table_ends] for k in range(3))
+        constants = casadi.DM(np.stack([capsules.radius[which], end, margin]))
+        each = _table_row(rows).map("table_rows", "serial", len(table_ends), [2, 3, 4, 5], [])
+        parts.append(each(placed[:, which], constants, *shared))
     if boxes:
         which = np.flatnonzero(capsules.joint >= 0).tolist()
-        radius, c = capsules.radius[which], _blend(capsules.radius, length)[which]
-        constants = np.stack([radius + BLEND * (c > 0.0), c, capsules.hand[which]])
-        each = _box_pair(rows).map("capsules", "serial", len(which), [2, 3, 4, 5], [])
-        some, one = casadi.MX.sym("some", placed.shape[0], len(which)), casadi.MX.sym("box", Box.SIZE)
-        symbols = [casadi.MX.sym(f"s{k}", *x.shape) for k, x in enumerate(shared)]
-        with_box = casadi.Function(
-            "with_box", [some, one, *symbols], [casadi.vec(each(some, casadi.DM(constants), one, *symbols))]
-        )
-        mapped = with_box.map("with_boxes", "serial", boxes, [0, 2, 3, 4], [])
-        found = mapped(placed[:, which], box, *shared)
+        c, reach = _blend(capsules.radius, length)[which], (capsules.radius + 0.5 * length)[which] + BLEND
+        radius = capsules.radius[which] + BLEND * (c > 0.0)
+        constants = casadi.DM(np.stack([radius, c, capsules.hand[which], reach]))
+        with_box = _with_one_box(rows, constants).map("with_boxes", "serial", boxes, [0, 2, 3, 4, 5], [])
+        found = with_box(placed[:, which], box, *shared)
         parts.append(casadi.reshape(found, HEAD + n, len(which) * boxes))
     out = casadi.densify(casadi.horzcat(*parts)) if parts else casadi.MX(HEAD + n, 0)
     return casadi.Function("distance_rows", [q, low, high, settings, box], [out])
+
+
+def _with_one_box(rows: _Rows, constants: casadi.DM) -> casadi.Function:
+    """(capsules (8, m), box, shared ...) -> rows (3 + n, m), one after another."""
+    count = constants.shape[1]
+    capsules, box = casadi.MX.sym("capsules", rows.CAPSULE, count), casadi.MX.sym("box", Box.SIZE)
+    shared = [casadi.MX.sym(f"shared{k}", *x.shape) for k, x in enumerate(rows.shared)]
+    drift = casadi.norm_2(box[Box.LINEAR]) + casadi.norm_2(box[Box.ANGULAR]) * (casadi.norm_2(box[Box.HALF]))
+    inputs, margin = [capsules, constants, box], shared[2][RowSettings.MARGIN]
+    found = _box_pair(rows).each(inputs, capsules[6, :] + drift, margin, shared, fixed=1)
+    return casadi.Function("with_box", [capsules, box, *shared], [casadi.vec(found)])

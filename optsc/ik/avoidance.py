@@ -1,0 +1,125 @@
+"""Collision avoidance as rows of the quadratic program: no distance falls faster than the arm can brake.
+
+Rows are soft and the joints' own bounds are hard: an arm that is too near already is led out gently, and a problem
+without any solution cannot arise. A row says nothing about motion that makes its distance grow, so the way out is
+always free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optsc.errors import InvalidValue
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.ik.solvers import Rows
+from optsc.robot.collision import Shape
+from optsc.robot.distances import DistanceModel, DistanceRows, RowSettings
+from optsc.robot.model import RobotModel
+
+ACTIVE = 1e-4
+"""A row within this rate [m/s] of its bound holds the motion back."""
+
+
+@dataclass(frozen=True)
+class AvoidanceSettings:
+    """How near the arm may come to things, and how fast.
+
+    Attributes:
+        margin: distance that is kept [m]; less between links that are nearer to each other at home.
+        braking: share of the deceleration that the joints have together that braking counts on [1].
+        most_braking: deceleration at most that is counted on [m/s^2].
+        delay: time constant of coming to rest at the margin [s]; covers the delay by jerk limits.
+        push: speed at most of being led out of the margin [m/s].
+        weight: of missing a row, against the weights of the tool's task [s^2/m^2].
+        most_rows: rows at most in one tick, those in greatest need.
+        boxes: boxes at most that stand for one obstacle.
+    """
+
+    margin: float = 0.01
+    braking: float = 0.4
+    most_braking: float = 3.0
+    delay: float = 0.05
+    push: float = 0.1
+    weight: float = 1e5
+    most_rows: int = 16
+    boxes: int = 4
+
+    def __post_init__(self) -> None:
+        for name in ("braking", "most_braking", "delay", "push", "weight"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidValue(name, value, "positive and finite")
+        for name in ("most_rows", "boxes"):
+            if getattr(self, name) < 1:
+                raise InvalidValue(name, getattr(self, name), "at least 1")
+
+
+class Nearness(NamedTuple):
+    """A pair of bodies that holds the motion back: a link, what it is near to, and how far apart they are [m]."""
+
+    link: str
+    other: str
+    distance: float
+
+
+class Avoidance:
+    """Keeps an arm clear of the table, of named obstacles and of itself.
+
+    Args:
+        robot: the arm.
+        obstacles: shape and pose X_WO of everything that must not be touched, by name; move them with `move`.
+        table_height: z of the table top [m]; None for no table.
+        settings: how near and how fast.
+
+    Raises:
+        InvalidValue: an obstacle called "table", or a part without volume.
+        DamagedFile: the robot's collision geometry cannot be read.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        obstacles: Mapping[str, tuple[Shape, Pose]] | None = None,
+        table_height: float | None = 0.0,
+        settings: AvoidanceSettings | None = None,
+    ) -> None:
+        s = self.settings = settings or AvoidanceSettings()
+        self.model = DistanceModel(robot, obstacles, table_height, s.margin, s.boxes)
+        values = self.model.settings
+        values[RowSettings.BRAKING] = s.braking
+        values[RowSettings.MOST_BRAKING] = s.most_braking
+        values[RowSettings.DELAY], values[RowSettings.PUSH] = s.delay, s.push
+        self._near: DistanceRows | None = None
+
+    def move(self, name: str, X_WO: Pose, twist: ArrayLike | None = None) -> None:
+        """Place an obstacle, moving with ``twist`` (6,) in W; see `DistanceModel.move`."""
+        self.model.move(name, X_WO, twist)
+
+    def hand_may_touch(self, *names: str) -> None:
+        """Let the hand touch these obstacles and no others; see `DistanceModel.hand_may_touch`."""
+        self.model.hand_may_touch(*names)
+
+    def rows(self, q: Array, lowest: Array, highest: Array) -> Rows | None:
+        """Return the rows on the joint velocity of the next tick, which has the bounds given (n,) [rad/s]."""
+        near = self._near = self.model.rows(q, lowest, highest, self.settings.most_rows)
+        if not len(near.index):
+            return None
+        return Rows(near.gradient, near.lower, np.full(len(near.index), np.inf), self.settings.weight)
+
+    def blocking(self, velocity: Array) -> Nearness | None:
+        """Return the nearest pair whose row, of the last `rows`, holds this velocity (n,) back, if any does."""
+        near = self._near
+        if near is None or not len(near.index):
+            return None
+        active = np.flatnonzero(near.gradient @ velocity <= near.lower + ACTIVE)
+        if not len(active):
+            return None
+        row = int(active[np.argmin(near.distance[active])])
+        pair = self.model.pairs[int(near.index[row])]
+        return Nearness(pair.link, pair.other, float(near.distance[row]))
