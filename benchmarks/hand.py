@@ -76,15 +76,39 @@ class StretchResult:
     statuses: dict[str, int]
 
 
-def drive(servo: Servo, hand: HandRecording, first: int, scale: float, count: int = STRETCH) -> Drive:
+class Plan(NamedTuple):
+    """How the hand is coupled.
+
+    Attributes:
+        scale: of position and rotation.
+        fade: for how long after engaging the scale grows from nothing [s].
+        starts: first sample of each stretch.
+        count: samples of a stretch.
+    """
+
+    scale: float
+    fade: float
+    starts: Sequence[int]
+    count: int
+
+    def clutch(self, elapsed: float) -> ClutchSettings:
+        """Return the clutch's settings ``elapsed`` [s] after engaging."""
+        share = min(1.0, elapsed / self.fade) if self.fade > 0.0 else 1.0
+        scale = self.scale * max(share * share * (3.0 - 2.0 * share), 1e-9)
+        return ClutchSettings(scale=scale, rotation_scale=scale, orientation="relative")
+
+
+def drive(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> Drive:
     """Let the hand's samples from ``first`` on drive the arm from home, through the clutch."""
-    settings = ClutchSettings(scale=scale, rotation_scale=scale, orientation="relative")
     servo.reset(servo.robot.home)
     p_SH, q_SH = hand.X_SH.translation.tolist(), hand.X_SH.quaternion.tolist()
-    stamps = hand.time[first : first + count] - hand.time[first]
+    stamps = hand.time[first : first + plan.count] - hand.time[first]
     state, targets, commands = None, [], []
     for k, stamp in enumerate(stamps):
-        sample = Hand(tuple(p_SH[first + k]), tuple(q_SH[first + k]), servo.time)
+        sample, settings = (
+            Hand(tuple(p_SH[first + k]), tuple(q_SH[first + k]), servo.time),
+            plan.clutch(stamp),
+        )
         state = (
             engage(settings, sample, *servo.reference) if state is None else follow(settings, state, sample)
         )
@@ -120,11 +144,9 @@ def lag_and_error(path: Drive, tool: Pose, t: np.ndarray) -> tuple[float, float,
     return best
 
 
-def evaluate(
-    servo: Servo, hand: HandRecording, first: int, scale: float, count: int = STRETCH
-) -> StretchResult:
+def evaluate(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> StretchResult:
     """Drive one stretch and measure it."""
-    path, robot, rate = drive(servo, hand, first, scale, count), servo.robot, servo.rate
+    path, robot, rate = drive(servo, hand, first, plan), servo.robot, servo.rate
     q, v, a = (np.array([getattr(c, x) for c in path.commands]) for x in "qva")
     stride = max(1, round(rate / 250.0))
     t = (np.arange(len(q)) + 1.0) / rate
@@ -152,12 +174,10 @@ def evaluate(
     )
 
 
-def run(
-    make: MakeServo, robot: RobotModel, rate: float, scale: float, starts: Sequence[int], count: int = STRETCH
-) -> list[StretchResult]:
-    """Return the stretches that begin at the samples ``starts``."""
+def run(make: MakeServo, robot: RobotModel, rate: float, plan: Plan) -> list[StretchResult]:
+    """Return how each stretch is followed."""
     hand, servo = HandRecording.example(), make(robot, rate)
-    return [evaluate(servo, hand, first, scale, count) for first in starts]
+    return [evaluate(servo, hand, first, plan) for first in plan.starts]
 
 
 NUMBERS = ("lag", "error", "angle", "jerk_worst", "jerk_mean", "jerk_later", "following", "following_later")
@@ -220,16 +240,16 @@ def settings_of(o: argparse.Namespace) -> ServoSettings:
     return found
 
 
-def track(o: argparse.Namespace, starts: Sequence[int]) -> tuple[dict[str, Any], str]:
+def track(o: argparse.Namespace, plans: Sequence[Plan]) -> tuple[dict[str, Any], str]:
     """Return numbers and text of the runs with one choice of settings."""
     settings, rows, facts = settings_of(o), [], {}
     details = []
     for name in o.robots:
         robot = load_robot(name)
         for rate in o.rates:
-            for scale in o.scales:
-                results = run(lambda r, f: Servo(r, f, settings), robot, rate, scale, starts, o.samples)
-                label = f"{name}, {rate:.0f} Hz, scale {scale}"
+            for plan in plans:
+                results = run(lambda r, f: Servo(r, f, settings), robot, rate, plan)
+                label = f"{name}, {rate:.0f} Hz, scale {plan.scale}"
                 rows.append(row_of(label, summary_of(results)))
                 facts[label] = {"medians": summary_of(results), "stretches": [asdict(r) for r in results]}
                 details.append(detail(label, results))
@@ -259,9 +279,9 @@ def detail(label: str, results: Sequence[StretchResult]) -> str:
 SWEEP = {"bandwidth": (30.0, 45.0, 60.0, 90.0), "lag": (0.0, 0.014, 0.028, 0.042), "alpha": (0.5, 0.65, 0.85)}
 
 
-def sweep(o: argparse.Namespace, starts: Sequence[int]) -> tuple[dict[str, Any], str]:
+def sweep(o: argparse.Namespace, plan: Plan) -> tuple[dict[str, Any], str]:
     """Return numbers and text of all combinations of `SWEEP` on the first arm, and draw them."""
-    robot, rate, scale, points = load_robot(o.robots[0]), o.rates[0], o.scales[0], []
+    robot, rate, points = load_robot(o.robots[0]), o.rates[0], []
     for bandwidth in SWEEP["bandwidth"]:
         for lag in SWEEP["lag"]:
             for alpha in SWEEP["alpha"]:
@@ -269,12 +289,12 @@ def sweep(o: argparse.Namespace, starts: Sequence[int]) -> tuple[dict[str, Any],
                     bandwidth=bandwidth, lag=lag, prediction=PredictionSettings(alpha=alpha)
                 )
                 make = lambda r, f, s=settings: Servo(r, f, s)  # noqa: E731
-                found = summary_of(run(make, robot, rate, scale, starts, o.samples))
+                found = summary_of(run(make, robot, rate, plan))
                 points.append({"bandwidth": bandwidth, "lag set": lag, "alpha": alpha, **found})
                 print(".", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     points.sort(key=lambda p: p["lag"])
-    label = f"{robot.name}, {rate:.0f} Hz, scale {scale}"
+    label = f"{robot.name}, {rate:.0f} Hz, scale {plan.scale}"
     rows = [row_of(f"{p['bandwidth']:.0f} rad/s, {p['lag set']} s, alpha {p['alpha']}", p) for p in points]
     if o.output is not None:
         picture(points, label, o.output)
@@ -312,6 +332,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--robots", nargs="+", default=["panda", "ur5", "iiwa"])
     parser.add_argument("--rates", nargs="+", type=float, default=[500.0, 1000.0], metavar="HZ")
     parser.add_argument("--scales", nargs="+", type=float, default=[0.3], help="of position and rotation")
+    parser.add_argument("--fade", type=float, default=0.0, help="of the scale after engaging [s] (default 0)")
     parser.add_argument("--every", type=int, default=STRETCH, metavar="SAMPLES", help="from start to start")
     parser.add_argument("--stretches", type=int, help="at most so many (default: all there are)")
     parser.add_argument("--samples", type=int, default=STRETCH, help=f"of a stretch (default {STRETCH})")
@@ -322,7 +343,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--output", type=Path, metavar="DIR", help="where numbers, text and picture go")
     o = parser.parse_args(arguments)
     starts = list(range(0, len(HandRecording.example()) - o.samples + 1, o.every))[: o.stretches]
-    facts, text = sweep(o, starts) if o.sweep else track(o, starts)
+    plans = [Plan(scale, o.fade, starts, o.samples) for scale in o.scales]
+    facts, text = sweep(o, plans[0]) if o.sweep else track(o, plans)
     command = "python -m benchmarks.hand " + " ".join(sys.argv[1:] if arguments is None else arguments)
     save(o.output, "hand_sweep" if o.sweep else "hand", facts, text, command.strip())
 

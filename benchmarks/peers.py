@@ -17,7 +17,7 @@ from optsc.robot import RobotModel
 POSITION_COST, ORIENTATION_COST, POSTURE_COST = 1.0, 0.3, 1e-2
 """As the weights of `optsc.ik.IkSettings`: the square of the last is its posture weight."""
 GAIN = 60.0
-"""Decay of a pose error [1/s], the servo's; their own default is the whole error at every tick, which is far rougher."""
+"""Decay of a pose error [1/s], the servo's; their default, the whole error at every tick, is far rougher."""
 DAMPING = 1.0
 """`lm_damping` of the frame tasks, as their examples have it."""
 

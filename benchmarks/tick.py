@@ -232,15 +232,18 @@ def _alone(robot: RobotModel, rate: float, samples: Samples, collector: str) -> 
 
 
 def _growth(robot: RobotModel, rate: float, samples: Samples) -> float:
-    """Return how many blocks of memory a tick leaves behind without the collector."""
-    contender, count, sink = ServoContender(robot, rate), min(len(samples), 5000), {SERVO: deque(maxlen=1)}
+    """Return how many blocks of memory a tick leaves behind without the collector.
+
+    The first half only fills the interpreter's stores of small tuples.
+    """
+    contender, count, sink = ServoContender(robot, rate), min(len(samples), 20000), {SERVO: deque(maxlen=1)}
     gc.collect()
     gc.disable()
     try:
-        contender.run(samples[:200], sink)
+        contender.run(samples[: count // 2], sink)
         before = sys.getallocatedblocks()
-        contender.run(samples[200:count], sink)
-        return (sys.getallocatedblocks() - before) / max(count - 200, 1)
+        contender.run(samples[count // 2 : count], sink)
+        return (sys.getallocatedblocks() - before) / (count - count // 2)
     finally:
         gc.enable()
 

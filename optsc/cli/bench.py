@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ def add_parser(subparsers: Any) -> None:
     soak.add_argument("--ticks", type=int, default=1_000_000, help="how many at least (default 1000000)")
     soak.add_argument("--seed", type=int, default=0, help="of everything random (default 0)")
     soak.add_argument("--robots", nargs="+", metavar="NAME", help="arms to draw from (default: all)")
+    soak.add_argument(
+        "--streams", nargs="+", metavar="NAME", help="kinds of input to draw from (default: all)"
+    )
     soak.add_argument(
         "--episode", type=int, metavar="N", help="run this one episode of the soak again, alone"
     )
@@ -74,6 +78,7 @@ def _print(summary: dict[str, Any]) -> None:
     print(f"exceptions: {summary['exceptions']}")
     share = {status: 100.0 * n / max(summary["ticks"], 1) for status, n in summary["statuses"].items()}
     print("statuses: " + ", ".join(f"{status} {percent:.1f} %" for status, percent in share.items()))
+    drawn = f"--robots {' '.join(summary['robots'])} --streams {shlex.join(summary['streams'])}"
     for failure in summary["failures"][:10]:
         broken = ", ".join(f"{kind} {n}" for kind, n in failure["violations"].items() if n)
         what = failure["exception"] or broken
@@ -81,3 +86,5 @@ def _print(summary: dict[str, Any]) -> None:
             f"  episode {failure['episode']} ({failure['robot']}, {failure['rate']:.0f} Hz, started "
             f"{failure['started']}): {what}; again: --seed {summary['seed']} --episode {failure['episode']}"
         )
+    if summary["failures"]:
+        print(f"  an episode is the same again with the same {drawn}")

@@ -157,7 +157,11 @@ class SharedController:
         if event is Event.TRIGGERED and self.mode is Mode.MANUAL:
             refusal = self._choose()
             event, reason = (None, refusal) if refusal else (event, reason)
-        if self.mode is Mode.HOLD and next_mode(self.mode, event) is not Mode.HOLD and self._lag(measured) > LARGEST_LAG:
+        if (
+            self.mode is Mode.HOLD
+            and next_mode(self.mode, event) is not Mode.HOLD
+            and self._lag(measured) > LARGEST_LAG
+        ):
             # Something stopped the arm. It goes on from where it is: its old command would push it there again.
             self.servo.reset_posture(measured.q)
         self._change(event)

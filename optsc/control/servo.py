@@ -16,18 +16,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.control.diagnosis import lost_direction, towards
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
-from optsc.ik import Avoidance, DifferentialIK, IkSettings, make_solver
+from optsc.ik import Avoidance, DifferentialIK, IkSettings, make_solver, ramp_time, tool_braking
 from optsc.operators import prediction
 from optsc.operators.prediction import REST, PredictionSettings, Track
-from optsc.robot import RobotModel
+from optsc.robot import JointLimits, RobotModel
 from optsc.robot.differential import reference_model
 from optsc.robot.kernels.kernel import build_kernel
 from optsc.robot.viable import Bound
 from optsc.shaping import JointGuard
+
+NEAR = 0.99
+"""Share of the square of `ServoSettings.far` up to which a target is within reach."""
 
 
 class Status(Enum):
@@ -36,12 +40,19 @@ class Status(Enum):
     FOLLOWING = "following"
     LIMITED = "held back by a joint limit"
     BLOCKED = "held back by something near"
+    SINGULAR = "near a singularity"
     UNREACHABLE = "the target is out of reach"
     STALE = "no new target for too long"
     INVALID = "the target was refused"
     STOPPING = "coming to rest"
     HOLDING = "at rest"
     UNSOLVED = "the solver found no motion"
+
+
+SINGULAR_SHARE = 0.1
+"""Share of the manipulability at home below which the arm may be losing a direction (ours)."""
+NOTICEABLE = (1e-3, 5e-3)
+"""Distance and angle to the reference [m, rad] below which a lost direction is of no concern (ours)."""
 
 
 class Command(NamedTuple):
@@ -75,7 +86,7 @@ class ServoSettings:
         lag: how far behind a stream of targets the tool is led [s]. Zero means to be where the hand is now, which
             has to be guessed; a few hundredths make the motion several times smoother.
         largest_error: distance and angle to the target that count at most [m, rad]; with the bandwidth they bound the
-            speed of catching up to about largest_error * bandwidth / 3.
+            speed of catching up to about largest_error * bandwidth / 3. By default what the arm can brake from.
         timeout: age of the newest target after which the arm comes to rest [s].
         far: distance and angle to the reference beyond which a target counts as out of reach [m, rad].
         prediction: how samples are carried on to the present.
@@ -84,7 +95,7 @@ class ServoSettings:
 
     bandwidth: float = 45.0
     lag: float = 0.028
-    largest_error: tuple[float, float] = (0.05, 0.2)
+    largest_error: tuple[float, float] | None = None
     timeout: float = 0.1
     far: tuple[float, float] = (0.05, 0.2)
     prediction: PredictionSettings = field(default_factory=PredictionSettings)
@@ -99,6 +110,8 @@ class ServoSettings:
             raise InvalidValue("lag", self.lag, "finite and not negative [s]")
         for name in ("largest_error", "far"):
             value = getattr(self, name)
+            if name == "largest_error" and value is None:
+                continue
             if len(value) != 2 or not all(np.isfinite(x) and x > 0 for x in value):
                 raise InvalidValue(name, value, "two positive numbers [m, rad]")
 
@@ -111,6 +124,16 @@ def critically_damped(bandwidth: float, period: float) -> Array:
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-(bandwidth**3), -3 * bandwidth**2, -3 * bandwidth]])
     N = A + bandwidth * np.eye(3)
     return exp(-bandwidth * period) * (np.eye(3) + N * period + 0.5 * period**2 * N @ N)
+
+
+def catching_up(limits: JointLimits, bandwidth: float) -> tuple[float, float]:
+    """Return the largest errors [m, rad] for which the reference model brakes no harder than the arm can.
+
+    From a steady speed c = bandwidth * error / 3 a critically damped model of third order decelerates by about
+    c * bandwidth / e at most, with e = 2.718...
+    """
+    linear, angular = tool_braking(limits)
+    return 3.0 * exp(1.0) * linear / bandwidth**2, 3.0 * exp(1.0) * angular / bandwidth**2
 
 
 class Servo:
@@ -145,10 +168,13 @@ class Servo:
         self._model = build_kernel(reference_model())
         self._reference, self._target, transition, largest, period = self._model.inputs
         (self._next_reference,) = self._model.outputs
-        transition[:] = critically_damped(self.settings.bandwidth, self.period)
-        largest[:] = self.settings.largest_error
+        # An arm that ramps its accelerations slowly cannot follow a quick reference.
+        bandwidth = min(self.settings.bandwidth, 1.0 / ramp_time(robot.limits))
+        transition[:] = critically_damped(bandwidth, self.period)
+        largest[:] = self.settings.largest_error or catching_up(robot.limits, bandwidth)
         period[:] = self.period
         self._at_rest = np.zeros(robot.n)
+        self._singular_volume = SINGULAR_SHARE * self.ik.volume(robot.home)
         self.reset(robot.home)
 
     def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
@@ -248,6 +274,8 @@ class Servo:
             self._wait(step.error)
         wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
         status, reason = self._verdict(wanted, far)
+        if step.volume < self._singular_volume and status is not Status.LIMITED:
+            status, reason = self._singular(step.error, status, reason)
         state = guard.advance(wanted)
         self.ticks += 1
         return Command(*state, status, reason, step.error, step.volume, step.iterations)
@@ -255,7 +283,8 @@ class Servo:
     def _is_far(self, error: Array) -> bool:
         x, y, z, a, b, c = error.tolist()
         distance, angle = self.settings.far
-        return x * x + y * y + z * z > distance * distance or a * a + b * b + c * c > angle * angle
+        # A little inside, or a reference that waits at just this distance would count as near at every other tick.
+        return x * x + y * y + z * z > NEAR * distance**2 or a * a + b * b + c * c > NEAR * angle**2
 
     def _wait(self, error: Array) -> None:
         """Let the reference wait for an arm that cannot follow, so that there is no distance to make up in a rush."""
@@ -266,6 +295,17 @@ class Servo:
         ahead_q = scalar.exp(scalar.shortened(tuple(error[3:].tolist()), far_r))
         reference[:3] = X_WT.translation + ahead_p
         reference[3:7] = scalar.multiply(tool_q, ahead_q)
+
+    def _singular(self, error: Array, status: Status, reason: str) -> tuple[Status, str]:
+        """Say so where the arm lags in a direction that it is losing."""
+        x, y, z, a, b, c = error.tolist()
+        if max(abs(x), abs(y), abs(z)) < NOTICEABLE[0] and max(abs(a), abs(b), abs(c)) < NOTICEABLE[1]:
+            return status, reason
+        lost = lost_direction(self.robot, self.guard.q)
+        if towards(lost, error) < 0.5:
+            return status, reason
+        words = f"motion {lost.name} of the tool is lost (least singular value {lost.singular_value:.3f} m)"
+        return (status if status is Status.UNREACHABLE else Status.SINGULAR), words
 
     def _verdict(self, wanted: Array, far: bool) -> tuple[Status, str]:
         guard = self.guard
@@ -287,7 +327,10 @@ class Servo:
 
     def _stop(self, status: Status, reason: str) -> Command:
         self._stopped = True
-        state = self.guard.advance(self._at_rest)
+        guard, rest = self.guard, self._at_rest
+        if self.avoid is not None:
+            rest = self.avoid.stopping(guard.q, guard.lowest, guard.highest, self.ik.solver)
+        state = guard.advance(rest)
         self.ticks += 1
         if status is Status.HOLDING and state.v.any():
             status = Status.STOPPING

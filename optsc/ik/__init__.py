@@ -1,7 +1,7 @@
 """Inverse kinematics: one tick as a quadratic program, and whole poses in batches."""
 
 from optsc.ik.avoidance import Avoidance, AvoidanceSettings, Nearness
-from optsc.ik.differential import DifferentialIK, IkSettings, IkStep
+from optsc.ik.differential import DifferentialIK, IkSettings, IkStep, ramp_time, tool_braking
 from optsc.ik.solvers import QpSolution, QpSolver, Rows, make_solver, solver_names
 
 __all__ = [
@@ -15,5 +15,7 @@ __all__ = [
     "QpSolver",
     "Rows",
     "make_solver",
+    "ramp_time",
     "solver_names",
+    "tool_braking",
 ]

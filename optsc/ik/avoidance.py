@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
-from optsc.ik.solvers import Rows
+from optsc.ik.solvers import QpSolver, Rows
 from optsc.robot.collision import Shape
 from optsc.robot.distances import DistanceModel, DistanceRows, RowSettings
 from optsc.robot.model import RobotModel
@@ -111,6 +111,22 @@ class Avoidance:
         if not len(near.index):
             return None
         return Rows(near.gradient, near.lower, np.full(len(near.index), np.inf), self.settings.weight)
+
+    def stopping(self, q: Array, lowest: Array, highest: Array, solver: QpSolver) -> Array:
+        """Return the velocity (n,) to brake to at this tick: rest, or the nearest to it that leads nowhere too fast.
+
+        Joints that brake one by one do not stay on their common way, which may turn them towards something.
+        """
+        rows = self.rows(q, lowest, highest)
+        rest = np.zeros(len(q))
+        if rows is None:
+            return rest
+        rows = rows._replace(lower=np.minimum(rows.lower, 0.0))  # a stop pushes nothing out
+        next_to_rest = np.minimum(np.maximum(rest, lowest), highest)
+        if (rows.matrix @ next_to_rest >= rows.lower).all():
+            return rest
+        solution = solver.solve(np.eye(len(q)), -next_to_rest, lowest, highest, rows)
+        return np.minimum(np.maximum(solution.x, lowest), highest) if solution.solved else rest
 
     def blocking(self, velocity: Array) -> Nearness | None:
         """Return the nearest pair whose row, of the last `rows`, holds this velocity (n,) back, if any does."""

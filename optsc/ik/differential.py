@@ -3,7 +3,8 @@
     minimise  1/2 || W (J q' - V*) ||^2 + 1/2 w_p || q' - k_p (q_p - q) ||^2 + 1/2 (d + c || W e ||^2) || q' ||^2
     within    lowest <= q' <= highest,   and rows such as distances
 
-with V* = V + k e: the reference's twist, and its distance e from the present pose at a gain in 1/s. All in the tool
+with V* = V + min(k, sqrt(b / |e|)) e: the reference's twist, and its distance e from the present pose, at a gain in 1/s and
+no faster than the tool can brake. All in the tool
 frame, so that a weight belongs to one degree of freedom of the tool. The bounds come from outside (the viable
 interval of every joint), which keeps this room free of limits.
 """
@@ -22,10 +23,27 @@ from optsc.ik.solvers import QpSolver, Rows, make_solver
 from optsc.robot.differential import PoseTaskSettings, pose_task
 from optsc.robot.kernels.kernel import build_kernel
 from optsc.robot.manipulability import Manipulability
+from optsc.robot.limits import JointLimits
 from optsc.robot.model import RobotModel
 
 GAIN_PER_TICK = 0.3
 """Share of an error that one tick may take back; more lets the discrete loop overshoot."""
+
+GAIN_PER_RAMP = 0.5
+"""Share of an error that may be taken back while an acceleration is ramped up; more oscillates where jerk is limited."""
+LEVER = (0.4, 0.5)
+"""Tool motion per joint motion that the weakest joint is counted on for [m/rad, rad/rad]; cautious for arms."""
+
+
+def tool_braking(limits: JointLimits) -> tuple[float, float]:
+    """Return a deceleration of the tool [m/s^2, rad/s^2] that every joint can give."""
+    weakest = float(limits.acceleration.min())
+    return LEVER[0] * weakest, LEVER[1] * weakest
+
+
+def ramp_time(limits: JointLimits) -> float:
+    """Return the time [s] that the slowest joint takes to ramp up its acceleration at its jerk limit."""
+    return float((limits.acceleration / limits.jerk).max())
 
 
 @dataclass(frozen=True)
@@ -35,8 +53,12 @@ class IkSettings:
     Attributes:
         position_weight: per axis x, y, z of the tool [1/m]; zero leaves that direction free.
         orientation_weight: about x, y, z of the tool [1/rad]; zero leaves that rotation free.
-        gain: how fast a pose error decays [1/s].
-        largest_error: distance and angle that count at most [m, rad]; bounds the speed of catching up.
+        position_tolerance: dead band along x, y, z of the tool [m]: within it that component is left free ...
+        orientation_tolerance: ... and about x, y, z [rad]; zero for none. A free roll is a weight of zero.
+        gain: how fast a small pose error decays [1/s].
+        braking: deceleration of the tool that catching up counts on [m/s^2, rad/s^2]; bounds its speed. By default
+            what the weakest joint gives at `LEVER`.
+        largest_error: distance and angle that count at most for the damping [m, rad].
         posture_weight: weight of the posture task, small against the others [1].
         posture_gain: how fast spare motion goes to the posture [1/s].
         manipulability_gain: how strongly spare motion climbs the gradient of the penalised manipulability, in the
@@ -47,7 +69,10 @@ class IkSettings:
 
     position_weight: tuple[float, float, float] = (1.0, 1.0, 1.0)
     orientation_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
+    position_tolerance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    orientation_tolerance: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gain: float = 60.0
+    braking: tuple[float, float] | None = None
     largest_error: tuple[float, float] = (0.03, 0.1)
     posture_weight: float = 1e-4
     posture_gain: float = 1.0
@@ -56,25 +81,39 @@ class IkSettings:
     error_damping: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in ("position_weight", "orientation_weight", "largest_error"):
+        lengths = {"position_weight": 3, "orientation_weight": 3, "largest_error": 2}
+        lengths |= {"position_tolerance": 3, "orientation_tolerance": 3}
+        if self.braking is not None:
+            lengths["braking"] = 2
+        for name, length in lengths.items():
             value = getattr(self, name)
-            length = 2 if name == "largest_error" else 3
             if len(value) != length or not all(np.isfinite(w) and w >= 0 for w in value):
                 raise InvalidValue(name, value, f"{length} finite numbers, none negative")
-        for name in ("gain", "posture_weight", "posture_gain", "manipulability_gain", "damping", "error_damping"):
+        for name in (
+            "gain",
+            "posture_weight",
+            "posture_gain",
+            "manipulability_gain",
+            "damping",
+            "error_damping",
+        ):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidValue(name, value, "finite and not negative")
         if self.manipulability_gain > 0 and self.posture_gain * self.posture_weight == 0:
-            raise InvalidValue("manipulability_gain", self.manipulability_gain, "zero where there is no posture task")
+            raise InvalidValue(
+                "manipulability_gain", self.manipulability_gain, "zero where there is no posture task"
+            )
         if self.damping + self.posture_weight <= 0:
             raise InvalidValue("damping", self.damping, "positive where there is no posture task")
 
-    def vector(self, period: float) -> Array:
-        """Return the settings as `pose_task` reads them, for ticks of ``period`` [s]."""
+    def vector(self, limits: JointLimits, period: float) -> Array:
+        """Return the settings as `pose_task` reads them, for joints of ``limits`` and ticks of ``period`` [s]."""
         s = np.zeros(PoseTaskSettings.SIZE)
         s[PoseTaskSettings.WEIGHTS] = (*self.position_weight, *self.orientation_weight)
-        s[PoseTaskSettings.GAIN] = min(self.gain, GAIN_PER_TICK / period)
+        s[PoseTaskSettings.TOLERANCE] = (*self.position_tolerance, *self.orientation_tolerance)
+        s[PoseTaskSettings.GAIN] = min(self.gain, GAIN_PER_TICK / period, GAIN_PER_RAMP / ramp_time(limits))
+        s[PoseTaskSettings.BRAKING] = tool_braking(limits) if self.braking is None else self.braking
         s[PoseTaskSettings.LARGEST_ERROR] = self.largest_error
         s[PoseTaskSettings.POSTURE_WEIGHT] = self.posture_weight
         s[PoseTaskSettings.POSTURE_GAIN] = self.posture_gain
@@ -120,7 +159,7 @@ class DifferentialIK:
             raise InvalidValue("period", self.period, "positive [s]")
         self._kernel = build_kernel(pose_task(self.robot))
         self._q, self._reference, self._twist, self._posture, vector = self._kernel.inputs
-        vector[:] = self.settings.vector(self.period)
+        vector[:] = self.settings.vector(self.robot.limits, self.period)
         self._H, self._g, self._error, self._volume = self._kernel.outputs
         self._preferred = self.robot.home
         self._posture[:] = self._preferred
@@ -129,6 +168,12 @@ class DifferentialIK:
         """Let spare motion go to ``posture`` (n,) [rad] from now on; raise `InvalidValue`."""
         self._preferred = self.robot.checked(posture, "posture")
         self._posture[:] = self._preferred
+
+    def volume(self, q: Array) -> float:
+        """Return the volume of the manipulability ellipsoid at posture ``q`` (n,), as `IkStep.volume`."""
+        self._q[:] = q
+        self._kernel.run()
+        return float(self._volume[0])
 
     def solve(
         self,

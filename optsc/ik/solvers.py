@@ -136,16 +136,19 @@ class ProxQpSolver:
         if not np.isfinite(H.sum() + g.sum() + lower.sum() + upper.sum()):
             return QpSolution(np.zeros(n), False, 0, "proxqp: the problem is not finite")
         C, c_low, c_high = (None, None, None) if rows is None else (rows.matrix, rows.lower, rows.upper)
-        if self._size != (n, m):
+        warm = self._size == (n, m)
+        if warm:
+            self._problem.update(H=H, g=g, C=C, l=c_low, u=c_high, l_box=lower, u_box=upper)
+        else:
             self._new_problem(n, m)
             self._problem.init(H, g, None, None, C, c_low, c_high, lower, upper)
-        else:
-            self._problem.update(H=H, g=g, C=C, l=c_low, u=c_high, l_box=lower, u_box=upper)
         self._problem.solve()
         results = self._problem.results
         if results.info.status == self._proxqp.PROXQP_SOLVED:
             return QpSolution(np.array(results.x), True, int(results.info.iter))
         self._size = (0, 0)  # start afresh: a failed result is no good start for the next problem
+        if warm:  # nor, it may be, was the last solution for this one
+            return self.solve(H, g, lower, upper, rows)
         return QpSolution(np.zeros(n), False, int(results.info.iter), f"proxqp: {results.info.status}")
 
 

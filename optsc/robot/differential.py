@@ -11,10 +11,14 @@ from optsc.robot.kernels.kinematics import chain
 from optsc.robot.model import RobotModel
 
 
+GRIP = 0.8
+"""Share of a dead band that is entirely free; over the rest the component is taken hold of."""
+
+
 class PoseTaskSettings:
     """Layout of the settings vector of `pose_task`; see `optsc.ik.differential` for meaning and units."""
 
-    SIZE = 14
+    SIZE = 22
     WEIGHTS = slice(0, 6)
     GAIN = slice(6, 8)
     LARGEST_ERROR = slice(8, 10)
@@ -22,6 +26,8 @@ class PoseTaskSettings:
     POSTURE_GAIN = 11
     DAMPING = 12
     ERROR_DAMPING = 13
+    TOLERANCE = slice(14, 20)
+    BRAKING = slice(20, 22)
 
 
 def _multiply(a: casadi.SX, b: casadi.SX) -> casadi.SX:
@@ -98,8 +104,8 @@ def pose_task(robot: RobotModel) -> casadi.Function:
     """Return the quadratic cost of one tick in the joint velocity.
 
     Inputs: q (n); reference (7) = p, quaternion of T in W; twist (6), linear over angular, in W; posture (n); settings
-    (14), see `PoseTaskSettings`. Outputs: H (n, n) and g (n) of 1/2 v'Hv + g'v; pose error (6), reference minus
-    present, in T's axes [m, rad]; sqrt(det(J J')) or, below six joints, sqrt(det(J'J)).
+    (22), see `PoseTaskSettings`. Outputs: H (n, n) and g (n) of 1/2 v'Hv + g'v; pose error (6) beyond the
+    tolerances, reference minus present, in T's axes [m, rad]; sqrt(det(J J')) or, below six joints, sqrt(det(J'J)).
     """
     n = robot.n
     q, posture = casadi.SX.sym("q", n), casadi.SX.sym("posture", n)
@@ -107,13 +113,13 @@ def pose_task(robot: RobotModel) -> casadi.Function:
     s = casadi.SX.sym("settings", PoseTaskSettings.SIZE)
     R, p, J = chain(robot, q)
     error = casadi.vertcat(R.T @ (reference[0:3] - p), _rotation_error(R, reference[3:7]))
+    error, hold = _beyond(error, s[PoseTaskSettings.TOLERANCE])
     gain, largest = s[PoseTaskSettings.GAIN], s[PoseTaskSettings.LARGEST_ERROR]
-    pull = casadi.vertcat(
-        gain[0] * _at_most(error[:3], largest[0]), gain[1] * _at_most(error[3:], largest[1])
-    )
+    braking = s[PoseTaskSettings.BRAKING]
+    pull = casadi.vertcat(_pull(error[:3], gain[0], braking[0]), _pull(error[3:], gain[1], braking[1]))
     wanted = casadi.vertcat(R.T @ twist[:3], R.T @ twist[3:]) + pull
     tool_J = casadi.vertcat(R.T @ J[:3, :], R.T @ J[3:, :])
-    weight = s[PoseTaskSettings.WEIGHTS]
+    weight = hold * s[PoseTaskSettings.WEIGHTS]
     weighted_J = casadi.repmat(weight, 1, n) * tool_J
     posture_weight = s[PoseTaskSettings.POSTURE_WEIGHT]
     # Levenberg-Marquardt damping that grows with the error (Sugihara 2011): next to nothing while the tool is on its
@@ -133,6 +139,29 @@ def pose_task(robot: RobotModel) -> casadi.Function:
     volume = casadi.sqrt(_determinant(gram))
     outputs = [casadi.densify(x) for x in (H, g, error, volume)]
     return casadi.Function("pose_task", [q, reference, twist, posture, s], outputs)
+
+
+def _pull(error: casadi.SX, gain: casadi.SX, braking: casadi.SX) -> casadi.SX:
+    """Return the velocity towards the reference: in proportion to the error, but never faster than can be braked.
+
+    A joint that has fallen behind because it could not accelerate more cannot decelerate more either. Pulled back by
+    proportion alone it overshoots, and goes on doing so.
+    """
+    size = casadi.sqrt(casadi.dot(error, error) + 1e-300)
+    return error * casadi.fmin(gain, casadi.sqrt(braking / size))
+
+
+def _beyond(error: casadi.SX, tolerance: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
+    """Return the error (6) beyond its dead band, and how firmly each component is held (6), in [0, 1].
+
+    Inside the band a component is free. It is taken hold of over the last share of the band, so that nothing
+    switches at its edge: there it follows the reference's velocity, and only beyond is it led back.
+    """
+    size = casadi.fabs(error)
+    excess = casadi.sign(error) * casadi.fmax(size - tolerance, 0.0)
+    used = size / casadi.fmax(tolerance, 1e-12)
+    hold = casadi.fmin(casadi.fmax((used - GRIP) / (1.0 - GRIP), 0.0), 1.0)
+    return excess, casadi.if_else(tolerance > 0.0, hold, 1.0)
 
 
 def _rotation_error(R: casadi.SX, quaternion: casadi.SX) -> casadi.SX:

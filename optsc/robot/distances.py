@@ -29,8 +29,10 @@ TRAVEL = 0.02
 """A distance within the robot that changes by less than this [m] over all postures is no matter of control."""
 SPARE_AT_HOME = 0.5
 """Share of a distance at home that a margin may take up, where links are built close together."""
-EVERYTHING = 1e6
+EVERYTHING = 1e3
 """Joint speed [rad/s] at which no pair is skipped as too far away to matter."""
+ABSENT = 1e6
+"""Distances above this [m] stand for boxes that are not there, or that the hand may touch."""
 
 
 class Pair(NamedTuple):
@@ -93,7 +95,7 @@ class DistanceModel:
         if TABLE in obstacles:
             raise InvalidValue("obstacle name", TABLE, "any name but that of the table")
         self.robot, self.capsules = robot, link_capsules(robot)
-        self.settings = np.zeros(RowSettings.SIZE)
+        self.settings = np.array([0.0, 0.0, 1.0, 1.0, 0.1, 0.1])
         self.settings[RowSettings.MARGIN] = margin
         self.settings[RowSettings.TABLE_HEIGHT] = 0.0 if table_height is None else table_height
         self._parts: dict[str, tuple[slice, Array, Array, Array]] = {}
@@ -183,7 +185,7 @@ class DistanceModel:
         self._low[:], self._high[:] = -EVERYTHING, EVERYTHING
         self._kernel.run()
         distance = self._rows[:, 2].copy()
-        distance[distance > EVERYTHING] = np.inf
+        distance[distance > ABSENT] = np.inf
         return distance, self._rows[:, HEAD:].copy()
 
 

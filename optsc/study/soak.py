@@ -45,7 +45,7 @@ class Episode(NamedTuple):
     """What one episode was and did.
 
     Attributes:
-        index: its number within the soak.
+        number: which one of the soak it was.
         about: arm, rate, settings, start and the streams, in words and numbers.
         ticks: how many were run.
         violations: per entry of `KINDS`, at how many ticks it was broken.
@@ -53,7 +53,7 @@ class Episode(NamedTuple):
         statuses: how many ticks ended in each.
     """
 
-    index: int
+    number: int
     about: dict[str, Any]
     ticks: int
     violations: dict[str, int]
@@ -104,7 +104,7 @@ class Soak:
             "statuses": dict(self.statuses.most_common()),
             "passed": self.passed,
             "failures": [
-                {"episode": e.index, **e.about, "violations": e.violations, "exception": e.exception}
+                {"episode": e.number, **e.about, "violations": e.violations, "exception": e.exception}
                 for e in self.failures
             ],
         }
@@ -300,16 +300,16 @@ def _columns(start: _Start) -> tuple[tuple[str, Array], ...]:
 
 
 def run_episode(
-    seed: int, index: int, robots: Sequence[str] = ROBOT_NAMES, streams: Sequence[str] = tuple(STREAMS)
+    seed: int, number: int, robots: Sequence[str] = ROBOT_NAMES, streams: Sequence[str] = tuple(STREAMS)
 ) -> Episode:
-    """Return what episode ``index`` of the soak ``seed`` does: a pure function of the arguments.
+    """Return what episode ``number`` of the soak ``seed`` does: a pure function of the arguments.
 
     Raises `UnknownName` for a robot or a stream that there is not.
     """
     for name in streams:
         if name not in STREAMS:
             raise UnknownName("stream", name, STREAMS)
-    rng = np.random.default_rng([seed, index])
+    rng = np.random.default_rng([seed, number])
     robot = load_robot(str(rng.choice(list(robots))))
     rate = float(np.exp(rng.uniform(*np.log(RATES))))
     settings, start = _settings(rng), _start(rng, robot)
@@ -331,7 +331,7 @@ def run_episode(
         "streams": used,
     }
     found = _violations(servo, start, commands)
-    return Episode(index, about, len(commands), found, exception, Counter(c.status.name for c in commands))
+    return Episode(number, about, len(commands), found, exception, Counter(c.status.name for c in commands))
 
 
 def soak(

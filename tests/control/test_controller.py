@@ -261,7 +261,9 @@ def test_recentring_does_not_move_the_target_and_turns_what_forward_means(robot)
     rig.go(0.5, move=(0.05, 0.0, 0.0))
     rig.go(0.5)
     moved = rig.tool().translation - before.translation
-    np.testing.assert_allclose(moved, rotation.rotate(rotation.exp([0, 0, 0.7 - 0.5]), [0.05, 0, 0]), atol=1e-3)
+    np.testing.assert_allclose(
+        moved, rotation.rotate(rotation.exp([0, 0, 0.7 - 0.5]), [0.05, 0, 0]), atol=1e-3
+    )
 
 
 def test_smoothing_makes_a_trembling_hand_calmer(robot):

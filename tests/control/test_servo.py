@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optsc.control.servo import Servo, Status, critically_damped
+from optsc.control.servo import Servo, ServoSettings, Status, critically_damped
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
+from optsc.ik import IkSettings
 from optsc.robot import ROBOT_NAMES, load_robot
 
 TOLERANCE = 1e-9
@@ -115,6 +116,55 @@ def test_without_new_targets_the_arm_comes_to_rest_and_says_so():
     for _ in range(300):
         command = servo.step(Pose(X.quaternion, X.translation + [0, 0, 0.02]), servo.time)
     assert command.status is Status.FOLLOWING
+
+
+FOUR_JOINTS = """<robot name="four"><link name="base"/><link name="l1"/><link name="l2"/><link name="l3"/><link name="l4"/><link name="tool"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0 0.2"/><axis xyz="0 0 1"/><limit effort="1" velocity="2" lower="-3" upper="3"/></joint>
+<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/><limit effort="1" velocity="2" lower="-2" upper="2"/></joint>
+<joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit effort="1" velocity="2" lower="-2.5" upper="2.5"/></joint>
+<joint name="j4" type="revolute"><parent link="l3"/><child link="l4"/><origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit effort="1" velocity="2" lower="-2" upper="2"/></joint>
+<joint name="t" type="fixed"><parent link="l4"/><child link="tool"/><origin xyz="0 0 0.1"/></joint></robot>"""
+
+
+def test_an_arm_of_four_joints_follows_in_position(tmp_path):
+    (tmp_path / "four.urdf").write_text(FOUR_JOINTS)
+    robot = load_robot(tmp_path / "four.urdf", tip="tool", home=[0.2, 0.5, 0.9, 0.4])
+    servo = Servo(
+        robot, 500.0, ServoSettings(ik=IkSettings(orientation_weight=(0.0, 0.0, 0.0)), far=(0.05, 4.0))
+    )
+    X, commands = servo.X_WT, []
+    for _ in range(1500):
+        commands.append(servo.step(circle(X, servo.time), servo.time))
+    wanted = circle(X, servo.time - servo.settings.lag)
+    assert np.linalg.norm(servo.X_WT.translation - wanted.translation) < 2e-3
+    assert commands[-1].status is Status.FOLLOWING
+    assert_within(robot, servo.period, commands)
+
+
+def test_near_a_singularity_the_lost_direction_slows_the_others_go_on_and_the_status_says_so():
+    robot = load_robot("ur5")
+    stretched = robot.home.copy()
+    stretched[2] = 0.05  # the elbow is almost straight: the way outwards is lost
+    servo = Servo(robot, 500.0)
+    servo.reset(stretched)
+    X = servo.X_WT
+    outwards = X.translation / np.linalg.norm(X.translation)
+    sideways = np.cross([0.0, 0.0, 1.0], outwards)
+    sideways /= np.linalg.norm(sideways)
+    commands = []
+    for _ in range(1500):
+        shift = min(servo.time, 2.0) * (0.04 * outwards + 0.1 * sideways)
+        commands.append(servo.step(Pose(X.quaternion, X.translation + shift), servo.time))
+    moved = servo.X_WT.translation - X.translation
+    assert sideways @ moved > 0.12
+    assert outwards @ moved < 0.05
+    told = [
+        c
+        for c in commands
+        if c.status in (Status.SINGULAR, Status.UNREACHABLE) and "of the tool is lost" in c.reason
+    ]
+    assert told
+    assert_within(robot, servo.period, commands)
 
 
 def test_a_stop_is_smooth_and_ends_at_rest():

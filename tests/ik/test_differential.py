@@ -25,11 +25,14 @@ def expected_cost(robot, settings, q, reference, twist, posture):
     X, R = robot.forward(q), robot.forward(q).rotation_matrix()
     E = R.T @ reference.rotation_matrix()
     error = np.concatenate([R.T @ (reference.translation - X.translation), pinocchio.log3(E)])
-    clipped = error.copy()
+    clipped, pull = error.copy(), error.copy()
+    gain, weakest = min(settings.gain, 0.3 / PERIOD), robot.limits.acceleration.min()
+    for part, braking in ((slice(0, 3), 0.4 * weakest), (slice(3, 6), 0.5 * weakest)):
+        pull[part] *= min(gain, np.sqrt(braking / max(np.linalg.norm(error[part]), 1e-12)))
     for part, most in zip((slice(0, 3), slice(3, 6)), settings.largest_error, strict=True):
         clipped[part] *= min(1.0, most / max(np.linalg.norm(clipped[part]), 1e-12))
     to_tool = np.kron(np.eye(2), R.T)
-    wanted = to_tool @ twist + min(settings.gain, 0.3 / PERIOD) * clipped
+    wanted = to_tool @ twist + pull
     W = np.diag([*settings.position_weight, *settings.orientation_weight])
     J = W @ to_tool @ robot.jacobian(q)
     damping = settings.damping + settings.error_damping * np.sum((W @ clipped) ** 2)
@@ -74,6 +77,38 @@ def test_a_zero_weight_leaves_that_direction_of_the_tool_free():
     step = roll.solve(q, row(reference), np.zeros(6), *wide(robot))
     assert abs(step.error[5]) == pytest.approx(0.1, abs=1e-6)
     np.testing.assert_allclose(robot.jacobian(q) @ step.velocity, 0, atol=1e-3)
+
+
+@pytest.mark.parametrize("band", [2e-3, 0.05])
+def test_a_dead_band_leaves_its_direction_free_and_is_exact(band):
+    robot = load_robot("ur5")
+    ik = DifferentialIK(robot, PERIOD, IkSettings(position_tolerance=(0.0, 0.0, band)))
+    start = robot.forward(robot.home)
+    z = start.rotation_matrix()[:, 2]
+
+    def end_for(distance):
+        target = np.concatenate([start.translation + distance * z, start.quaternion])
+        q = robot.home.copy()
+        for _ in range(800):
+            q = q + PERIOD * ik.solve(q, target, np.zeros(6), *wide(robot)).velocity
+        return z @ (robot.forward(q).translation - start.translation)
+
+    assert abs(end_for(0.5 * band)) < 0.01 * band + 1e-6
+    assert end_for(3 * band) == pytest.approx(2 * band, abs=1e-4)
+    assert end_for(-3 * band) == pytest.approx(-2 * band, abs=1e-4)
+
+
+def test_a_rotation_within_its_dead_band_is_not_followed():
+    robot = load_robot("panda")
+    ik = DifferentialIK(robot, PERIOD, IkSettings(orientation_tolerance=(0.0, 0.0, 0.3)))
+    for turn, followed in ((0.2, 0.0), (0.5, 0.2)):
+        q, ahead = robot.home.copy(), robot.home + turn * np.eye(7)[6]
+        for _ in range(800):
+            q = q + PERIOD * ik.solve(q, row(robot.forward(ahead)), np.zeros(6), *wide(robot)).velocity
+        left = pinocchio.log3(
+            robot.forward(q).rotation_matrix().T @ robot.forward(robot.home).rotation_matrix()
+        )
+        assert abs(left[2]) == pytest.approx(followed, abs=2e-3)
 
 
 def test_spare_motion_goes_to_the_posture_and_does_not_move_the_tool():

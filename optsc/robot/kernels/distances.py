@@ -211,7 +211,7 @@ def _self_pair(rows: _Rows) -> _Pair:
 
 
 def _into_box(a: casadi.SX, b: casadi.SX, half: casadi.SX) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
-    """Return depth (< 0), direction out and share t of a segment that runs through a box, in the box's axes.
+    """Return depth, direction out and share t of a segment in a box, in its axes; the depth is < 0 where they meet.
 
     The face normals of the difference of both bodies: those of the box, and those of its edges with the segment.
     """
@@ -278,8 +278,8 @@ def _box_pair(rows: _Rows) -> _Pair:
     t = _nearest_to_box(a, b, half, constants[1])
     p = a + t * (b - a)
     out = p - casadi.fmin(casadi.fmax(p, -half), half)
-    inside = casadi.dot(out, out) < TINY
     depth, normal, deepest = _into_box(a, b, half)
+    inside = depth < 0.0
     length = casadi.sqrt(casadi.dot(out, out) + 4.0 * constants[1] * (t - 0.5) ** 2 + 1e-300)
     share = casadi.if_else(inside, deepest, t)
     n = R @ casadi.if_else(inside, normal, out / length)
