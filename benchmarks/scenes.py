@@ -86,7 +86,7 @@ def main():
         "robot": options.robot,
         "seeds": options.seeds,
         "machine": platform.platform(),
-        "versions": {name: version(name) for name in ("optsc", "numpy", "pin", "ruckig", "pybullet")},
+        "versions": {name: version(name) for name in ("numpy", "pin", "ruckig", "pybullet")},
         "lifted_share": {
             s: float(np.mean([row[s]["lifted"] for row in rows])) for s in ("paper", "manipulability")
         },

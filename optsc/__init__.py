@@ -37,7 +37,7 @@ _WHERE = {
     "run": "optsc.session",
     "solve_ik": "optsc.ik.batch",
 }
-_ROOMS = ("metrics", "operators", "sim")
+_ROOMS = ("ik", "metrics", "operators", "sim")
 
 __all__ = [
     "Approach",
@@ -61,6 +61,7 @@ __all__ = [
     "Status",
     "WeightedSum",
     "build_library",
+    "ik",
     "load_robot",
     "metrics",
     "operators",

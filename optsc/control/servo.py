@@ -94,7 +94,7 @@ class ServoSettings:
     """
 
     bandwidth: float = 45.0
-    lag: float = 0.028
+    lag: float = 0.027
     largest_error: tuple[float, float] | None = None
     timeout: float = 0.1
     far: tuple[float, float] = (0.05, 0.2)

@@ -19,7 +19,8 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.ik.solvers import QpSolver, Rows
 from optsc.robot.collision import Shape
-from optsc.robot.distances import DistanceModel, DistanceRows, RowSettings
+from optsc.robot.distances import DistanceModel, DistanceRows
+from optsc.robot.kernels.rows import RowSettings
 from optsc.robot.model import RobotModel
 
 ACTIVE = 1e-4
@@ -108,9 +109,9 @@ class Avoidance:
     def rows(self, q: Array, lowest: Array, highest: Array) -> Rows | None:
         """Return the rows on the joint velocity of the next tick, which has the bounds given (n,) [rad/s]."""
         near = self._near = self.model.rows(q, lowest, highest, self.settings.most_rows)
-        if not len(near.index):
+        if not len(near.pair):
             return None
-        return Rows(near.gradient, near.lower, np.full(len(near.index), np.inf), self.settings.weight)
+        return Rows(near.gradient, near.lower, np.full(len(near.pair), np.inf), self.settings.weight)
 
     def stopping(self, q: Array, lowest: Array, highest: Array, solver: QpSolver) -> Array:
         """Return the velocity (n,) to brake to at this tick: rest, or the nearest to it that leads nowhere too fast.
@@ -131,11 +132,11 @@ class Avoidance:
     def blocking(self, velocity: Array) -> Nearness | None:
         """Return the nearest pair whose row, of the last `rows`, holds this velocity (n,) back, if any does."""
         near = self._near
-        if near is None or not len(near.index):
+        if near is None or not len(near.pair):
             return None
         active = np.flatnonzero(near.gradient @ velocity <= near.lower + ACTIVE)
         if not len(active):
             return None
         row = int(active[np.argmin(near.distance[active])])
-        pair = self.model.pairs[int(near.index[row])]
+        pair = self.model.pairs[int(near.pair[row])]
         return Nearness(pair.link, pair.other, float(near.distance[row]))

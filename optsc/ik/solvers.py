@@ -23,8 +23,8 @@ UNBOUNDED = 1e30
 class Rows(NamedTuple):
     """Linear constraints lower <= matrix x <= upper: matrix (m, n), lower and upper (m,).
 
-    With a ``weight`` they are soft: missing them by s (m,) is allowed and adds weight s's / 2 to the cost. The bounds on x
-    itself stay hard.
+    With a ``weight`` they are soft: missing them by s (m,) is allowed and adds weight s's / 2 to the cost. The bounds
+    on x itself stay hard.
     """
 
     matrix: Array
@@ -61,8 +61,8 @@ def solve_soft(
 ) -> QpSolution:
     """Return the minimiser with soft rows: the same problem with one variable more for each row.
 
-    The added variables are the slacks times the root of the weight, so that they count one in the cost and the problem stays
-    well conditioned.
+    The added variables are the slacks times the root of the weight, so that they count one in the cost and the
+    problem stays well conditioned.
     """
     n, m = len(g), len(rows.lower)
     wide_H, wide_matrix = np.zeros((n + m, n + m)), np.zeros((m, n + m))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,24 @@ def box_around(points: Array) -> tuple[Array, Array, Array]:
     return frames[best], frames[best] @ (0.5 * (low + high)[best]), 0.5 * (high - low)[best]
 
 
+class _Group(NamedTuple):
+    """Points and the box around them."""
+
+    points: Array
+    box: tuple[Array, Array, Array]
+
+    @property
+    def volume(self) -> float:
+        return float(8.0 * np.prod(self.box[2]))
+
+    def with_other(self, other: _Group) -> _Group:
+        return _group(np.concatenate([self.points, other.points]))
+
+
+def _group(points: Array) -> _Group:
+    return _Group(points, box_around(points))
+
+
 def boxes_of(parts: Sequence[TriangleMesh], most: int, name: str) -> tuple[Array, Array, Array]:
     """Return rotations (B, 3, 3), centres (B, 3) and half extents (B, 3) [m] of boxes that hold all parts.
 
@@ -47,34 +66,30 @@ def boxes_of(parts: Sequence[TriangleMesh], most: int, name: str) -> tuple[Array
     """
     if most < 1 or not parts:
         raise InvalidValue(f"boxes of {name}", (most, len(parts)), "at least one box and one part")
-    groups = [np.asarray(part.vertices) for part in parts]
-    for points in groups:
+    clouds = [np.asarray(part.vertices) for part in parts]
+    for points in clouds:
         if len(points) < 4 or np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] < FLAT:
-            raise InvalidValue(f"a part of {name}", points.shape, f"points (V, 3) that span more than {FLAT} m")
-    boxes = [box_around(points) for points in groups]
-    volume = [_volume(box) for box in boxes]
-    joined: dict[tuple[int, int], tuple[tuple[Array, Array, Array], float]] = {}
-    alive = list(range(len(groups)))
-    while len(alive) > 1:
-        best, cost, fills = (-1, -1), np.inf, False
-        for i, a in enumerate(alive):
-            for b in alive[i + 1 :]:
-                if (a, b) not in joined:
-                    box = box_around(np.concatenate([groups[a], groups[b]]))
-                    joined[a, b] = box, _volume(box)
-                added = joined[a, b][1] - volume[a] - volume[b]
-                if added < cost:
-                    best, cost, fills = (a, b), added, joined[a, b][1] <= FILL * (volume[a] + volume[b])
-        if len(alive) <= most and not fills:
+            raise InvalidValue(
+                f"a part of {name}", points.shape, f"points (V, 3) that span more than {FLAT} m"
+            )
+    groups = dict(enumerate(_group(points) for points in clouds))
+    joined: dict[tuple[int, int], _Group] = {}
+    for new in range(len(groups), 2 * len(groups)):
+        pairs = [(a, b) for a in groups for b in groups if a < b]
+        for a, b in pairs:
+            if (a, b) not in joined:
+                joined[a, b] = groups[a].with_other(groups[b])
+        if not pairs:
             break
-        a, b = best
-        groups.append(np.concatenate([groups[a], groups[b]]))
-        boxes.append(joined[best][0])
-        volume.append(joined[best][1])
-        alive = [k for k in alive if k not in best] + [len(groups) - 1]
-    chosen = [boxes[k] for k in alive]
-    return tuple(np.array([box[k] for box in chosen]) for k in range(3))  # type: ignore[return-value]
-
-
-def _volume(box: tuple[Array, Array, Array]) -> float:
-    return float(8.0 * np.prod(box[2]))
+        a, b = min(pairs, key=lambda p: joined[p].volume - groups[p[0]].volume - groups[p[1]].volume)
+        fills = joined[a, b].volume <= FILL * (groups[a].volume + groups[b].volume)
+        if len(groups) <= most and not fills:
+            break
+        del groups[a], groups[b]
+        groups[new] = joined[a, b]
+    boxes = [group.box for group in groups.values()]
+    return (
+        np.array([R for R, _, _ in boxes]),
+        np.array([c for _, c, _ in boxes]),
+        np.array([h for *_, h in boxes]),
+    )

@@ -244,50 +244,62 @@ class _Body(NamedTuple):
 
 
 def _bodies(robot: RobotModel) -> list[_Body]:
-    """Return the surface of every link in the frame of the joint of the arm that carries it."""
+    """Return the surface of every link in the frame of the joint of the arm that carries it.
+
+    The two fingers are one body: all that they sweep between shut and open.
+    """
     path = str(robot.urdf)
     try:
         model = pinocchio.buildModelFromUrdf(path)
         shapes = pinocchio.buildGeomFromUrdf(model, path, pinocchio.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as error:
         raise DamagedFile(robot.urdf, f"collision geometry cannot be loaded ({error})") from None
-    arm = {model.getJointId(name): k for k, name in enumerate(robot.joint_names)}
-    gripper = robot.gripper
-    names = () if gripper is None else gripper.finger_joints
+    names = () if robot.gripper is None else robot.gripper.finger_joints
     jaws = {model.getJointId(name) for name in names if model.existJointName(name)}
     carriers = {model.frames[model.getFrameId(model.names[jaw])].parentFrame for jaw in jaws}
-    poses = [_placements(model, shapes, arm, jaws, opening) for opening in (0.0, _stroke(robot))]
-    found: dict[str, list[tuple[int, bool, Array]]] = {}
-    first_jaw = None
+    shut, open_ = (_placements(robot, model, shapes, jaws, opening) for opening in (0.0, _stroke(robot)))
+    found: dict[str, list[_Body]] = {}
+    fingers: list[_Body] = []
     for k, shape in enumerate(shapes.geometryObjects):
         link = model.frames[shape.parentFrame].name
         triangles = _corners(shape.geometry, shape.name)
-        joint, placed = poses[0][k][0], [R @ triangles[..., None] for _, R, _ in (poses[0][k], poses[1][k])]
-        placed = [t[..., 0] + p for t, (_, _, p) in zip(placed, (poses[0][k], poses[1][k]), strict=True)]
-        in_hand = shape.parentJoint in jaws or shape.parentFrame in carriers
         if shape.parentJoint in jaws:
-            # Wherever the jaws stand: what the two of them sweep between shut and open.
-            link = first_jaw = first_jaw or link
-            found.setdefault(link, []).append((joint, True, np.concatenate(placed)))
+            swept = np.concatenate([shut[k].of(triangles), open_[k].of(triangles)])
+            fingers.append(_Body(link, shut[k].joint, True, swept))
         else:
-            found.setdefault(link, []).append((joint, in_hand, placed[0]))
-    bodies = []
-    for link, parts in found.items():
-        triangles = np.concatenate([part[2] for part in parts])
-        if link == first_jaw:
-            triangles = _hull_triangles(triangles.reshape(-1, 3))
-        bodies.append(_Body(link, parts[0][0], parts[0][1], triangles))
+            body = _Body(link, shut[k].joint, shape.parentFrame in carriers, shut[k].of(triangles))
+            found.setdefault(link, []).append(body)
+    bodies = [_joined(parts) for parts in found.values()]
+    if fingers:
+        both = _joined(fingers)
+        bodies.append(both._replace(triangles=_hull_triangles(both.triangles.reshape(-1, 3))))
     return bodies
+
+
+def _joined(parts: Sequence[_Body]) -> _Body:
+    return parts[0]._replace(triangles=np.concatenate([part.triangles for part in parts]))
 
 
 def _stroke(robot: RobotModel) -> float:
     return 0.0 if robot.gripper is None else robot.gripper.max_opening
 
 
+class _Placement(NamedTuple):
+    """A joint of the arm, and a shape's rotation and position in its frame."""
+
+    joint: int
+    R: Array
+    p: Array
+
+    def of(self, triangles: Array) -> Array:
+        return triangles @ self.R.T + self.p
+
+
 def _placements(
-    model: Any, shapes: Any, arm: dict[int, int], jaws: set[int], opening: float
-) -> list[tuple[int, Array, Array]]:
-    """Return for each shape its joint of the arm, and rotation and position in that joint's frame."""
+    robot: RobotModel, model: Any, shapes: Any, jaws: set[int], opening: float
+) -> list[_Placement]:
+    """Return for each shape where it is fixed to the arm, at a distance ``opening`` [m] between the pads."""
+    arm = {model.getJointId(name): k for k, name in enumerate(robot.joint_names)}
     q = np.clip(pinocchio.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
     for jaw in jaws:
         q[model.joints[jaw].idx_q] = 0.5 * opening
@@ -299,7 +311,7 @@ def _placements(
         while joint and joint not in arm:
             joint = model.parents[joint]
         X = data.oMi[joint].inverse() * placed.oMg[k]
-        result.append((arm.get(joint, -1), X.rotation, X.translation))
+        result.append(_Placement(arm.get(joint, -1), X.rotation.copy(), X.translation.copy()))
     return result
 
 

@@ -19,8 +19,9 @@ from optsc.geometry.rotation import Array
 from optsc.robot.boxes import boxes_of
 from optsc.robot.capsules import LinkCapsules, link_capsules
 from optsc.robot.collision import TABLE, CollisionModel, Shape
-from optsc.robot.kernels.distances import FLAT, HEAD, Box, RowSettings, distance_rows
+from optsc.robot.kernels.distances import SelfPair, TableEnd, distance_rows
 from optsc.robot.kernels.kernel import Kernel, build_kernel
+from optsc.robot.kernels.rows import HEAD, Box
 from optsc.robot.model import RobotModel
 
 SAMPLES = 400
@@ -29,6 +30,8 @@ TRAVEL = 0.02
 """A distance within the robot that changes by less than this [m] over all postures is no matter of control."""
 SPARE_AT_HOME = 0.5
 """Share of a distance at home that a margin may take up, where links are built close together."""
+ROUND = 1e-3
+"""A capsule no longer than this [m] counts as a ball over the table."""
 EVERYTHING = 1e3
 """Joint speed [rad/s] at which no pair is skipped as too far away to matter."""
 ABSENT = 1e6
@@ -46,7 +49,7 @@ class DistanceRows(NamedTuple):
     """What matters at a tick.
 
     Attributes:
-        index: (m,) into `DistanceModel.pairs`.
+        pair: (m,) into `DistanceModel.pairs`.
         distance: (m,) [m]; negative where bodies overlap.
         lower: (m,) the rate [m/s] that each distance must not fall faster than; what an obstacle's own motion does
             to it is taken off.
@@ -54,7 +57,7 @@ class DistanceRows(NamedTuple):
         need: (m,) how far [m/s] the worst joint velocity of this tick would fall below `lower`; negative.
     """
 
-    index: np.ndarray
+    pair: np.ndarray
     distance: Array
     lower: Array
     gradient: Array
@@ -95,9 +98,6 @@ class DistanceModel:
         if TABLE in obstacles:
             raise InvalidValue("obstacle name", TABLE, "any name but that of the table")
         self.robot, self.capsules = robot, link_capsules(robot)
-        self.settings = np.array([0.0, 0.0, 1.0, 1.0, 0.1, 0.1])
-        self.settings[RowSettings.MARGIN] = margin
-        self.settings[RowSettings.TABLE_HEIGHT] = 0.0 if table_height is None else table_height
         self._parts: dict[str, tuple[slice, Array, Array, Array]] = {}
         count = 0
         for name, (shape, _) in obstacles.items():
@@ -108,18 +108,17 @@ class DistanceModel:
         # Sizes in steps, so that few functions are built for many scenes.
         self._slots = 0 if count == 0 else max(4, 1 << (count - 1).bit_length())
         self_pairs, table_ends = _relevant(robot, self.capsules, table_height, margin)
-        self._kernel = build_kernel(distance_rows(robot, self.capsules, self_pairs, table_ends, self._slots))
         self._lay_out(self_pairs, table_ends)
-        self._q, self._low, self._high, settings, self._boxes = self._kernel.inputs
-        settings[:] = self.settings
-        self.settings = settings
+        self._kernel = build_kernel(distance_rows(robot, self.capsules, self_pairs, table_ends, self._slots))
+        self._q, self._low, self._high, self.settings, self._boxes = self._kernel.inputs
+        self.settings[:] = margin, table_height or 0.0, 1.0, 1.0, 0.1, 0.1
         self._rows = self._kernel.outputs[0].T  # (P, 3 + n)
         self._boxes[Box.ABSENT] = 1.0
         for name, (_, X_WO) in obstacles.items():
             self._boxes[Box.ABSENT, self._parts[name][0]] = 0.0
             self.move(name, X_WO)
 
-    def _lay_out(self, self_pairs: list[tuple[int, int, float]], table_ends: list[tuple[int, int, float]]) -> None:
+    def _lay_out(self, self_pairs: list[SelfPair], table_ends: list[TableEnd]) -> None:
         link = self.capsules.link
         pairs = [Pair(link[a], link[b]) for a, b, _ in self_pairs]
         pairs += [Pair(link[a], TABLE) for a, _, _ in table_ends]
@@ -136,7 +135,7 @@ class DistanceModel:
         return self._parts[name]
 
     def move(self, name: str, X_WO: Pose, twist: ArrayLike | None = None) -> None:
-        """Place an obstacle at ``X_WO``, moving with ``twist`` (6,), linear [m/s] of its origin over angular [rad/s], in W.
+        """Place an obstacle at ``X_WO``, moving with ``twist`` (6,) in W: linear (its origin), then angular.
 
         Raises:
             UnknownName: no such obstacle.
@@ -159,7 +158,7 @@ class DistanceModel:
         self._boxes[Box.ANGULAR, where] = v[3:, None]
 
     def hand_may_touch(self, *names: str) -> None:
-        """Let the hand touch these obstacles, such as the one it is about to grasp, and no others; raise `UnknownName`."""
+        """Let the hand touch these obstacles, such as one it is about to grasp, and no others; raise `UnknownName`."""
         self._boxes[Box.HAND_MAY_TOUCH] = 0.0
         for name in names:
             self._boxes[Box.HAND_MAY_TOUCH, self._slot(name)[0]] = 1.0
@@ -167,8 +166,8 @@ class DistanceModel:
     def rows(self, q: Array, lowest: Array, highest: Array, most: int) -> DistanceRows:
         """Return the rows that can matter at this tick, at most ``most`` of them, those in greatest need.
 
-        A pair is left out only where no velocity between ``lowest`` and ``highest`` (n,) brings it below its bound: what
-        is left out does not change the solution, so rows may come and go without a trace in the motion.
+        A pair is left out only where no velocity between ``lowest`` and ``highest`` (n,) brings it below its bound:
+        what is left out does not change the solution, so rows may come and go without a trace in the motion.
         """
         self._q[:], self._low[:], self._high[:] = q, lowest, highest
         self._kernel.run()
@@ -180,7 +179,10 @@ class DistanceModel:
         return DistanceRows(index, found[:, 2], found[:, 1], found[:, HEAD:], found[:, 0])
 
     def distances(self, q: ArrayLike) -> tuple[Array, Array]:
-        """Return the distances (P,) [m] of all `pairs` at a posture (n,) and their gradients (P, n); inf for an empty slot."""
+        """Return the distances (P,) [m] of all `pairs` at a posture (n,), and their gradients (P, n).
+
+        A distance is infinite where there is no box, or one that the hand may touch.
+        """
         self._q[:] = self.robot.checked(q)
         self._low[:], self._high[:] = -EVERYTHING, EVERYTHING
         self._kernel.run()
@@ -191,35 +193,31 @@ class DistanceModel:
 
 def _relevant(
     robot: RobotModel, capsules: LinkCapsules, table_height: float | None, margin: float
-) -> tuple[list[tuple[int, int, float]], list[tuple[int, int, float]]]:
-    """Return the pairs of capsules and the ends of capsules over the table that are kept apart, with their margins."""
+) -> tuple[list[SelfPair], list[TableEnd]]:
+    """Return the pairs of capsules, and the ends of capsules over the table, that are kept apart."""
     linked = {frozenset(pair) for pair in CollisionModel(robot).self_pairs}
-    count = len(capsules.link)
+    count, link = len(capsules.link), capsules.link
     pairs = [
-        (a, b, 0.0)
+        SelfPair(a, b, 0.0)
         for a in range(count)
         for b in range(a + 1, count)
-        if frozenset((capsules.link[a], capsules.link[b])) in linked
+        if frozenset((link[a], link[b])) in linked
     ]
-    ends = []
-    if table_height is not None:
-        length = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1)
-        ends = [(c, e, 0.0) for c in range(count) if capsules.joint[c] >= 0 for e in (0, 1) if e == 0 or length[c] > 1e-3]
-    height = 0.0 if table_height is None else table_height
+    moving = np.flatnonzero(capsules.joint >= 0).tolist() if table_height is not None else []
+    long = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1) > ROUND
+    ends = [TableEnd(c, e, 0.0) for c in moving for e in ((0, 1) if long[c] else (0,))]
     kernel = build_kernel(distance_rows(robot, capsules, pairs, ends, 0))
     kernel.inputs[1][:], kernel.inputs[2][:] = -EVERYTHING, EVERYTHING
-    kernel.inputs[3][RowSettings.TABLE_HEIGHT] = height
+    kernel.inputs[3][:] = 0.0, table_height or 0.0, 1.0, 1.0, 0.1, 0.1
     postures = [robot.home, *robot.random_posture(np.random.default_rng(0), (SAMPLES,))]
     distance = np.array([_distances_at(kernel, q) for q in postures])
-    travel = np.ptp(distance, axis=0)
-    kept = []
-    for k, item in enumerate((*pairs, *ends)):
-        if distance[0, k] > 0.0 and travel[k] > TRAVEL:
-            kept.append((item[0], item[1], min(margin, SPARE_AT_HOME * float(distance[0, k]))))
-        else:
-            kept.append(None)
-    chosen_pairs = [item for item in kept[: len(pairs)] if item is not None]
-    return chosen_pairs, [item for item in kept[len(pairs) :] if item is not None]
+    keeps = np.minimum(margin, SPARE_AT_HOME * distance[0])
+    kept = (distance[0] > 0.0) & (np.ptp(distance, axis=0) > TRAVEL)
+    of_pairs, of_ends = np.split(np.arange(len(kept)), [len(pairs)])
+    return (
+        [pair._replace(margin=float(keeps[k])) for k, pair in zip(of_pairs, pairs, strict=True) if kept[k]],
+        [end._replace(margin=float(keeps[k])) for k, end in zip(of_ends, ends, strict=True) if kept[k]],
+    )
 
 
 def _distances_at(kernel: Kernel, q: Array) -> Array:

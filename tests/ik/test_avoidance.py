@@ -111,7 +111,7 @@ def test_the_allowed_approach_shrinks_to_nothing_at_the_margin_and_can_be_braked
         rows = avoid.rows(robot.home, *around(np.zeros(7), 20.0))
         k = int(
             np.argmin(
-                np.where(["cube" in avoid.model.pairs[i] for i in avoid._near.index], avoid._near.distance, 9)
+                np.where(["cube" in avoid.model.pairs[i] for i in avoid._near.pair], avoid._near.distance, 9)
             )
         )
         d, allowed = avoid._near.distance[k] - s.margin, -rows.lower[k]
