@@ -9,7 +9,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "docs" / "servo-on-your-robot.md"]
-BLOCKS = [(page.stem, block) for page in PAGES for block in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)]
+FENCE = re.compile(r"```python\n(.*?)```", re.DOTALL)
+BLOCKS = [(page.stem, block) for page in PAGES for block in FENCE.findall(page.read_text())]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 
 

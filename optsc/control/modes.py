@@ -68,7 +68,8 @@ def markdown() -> str:
     lines = [
         "# State machine",
         "",
-        "Generated from `optsc/control/modes.py`; change it there and run `optsc doctor --state-machine docs/state-machine.md`.",
+        "Generated from `optsc/control/modes.py`; after a change there run",
+        "`optsc doctor --state-machine docs/state-machine.md`.",
         "",
         "| mode | event | next mode |",
         "|---|---|---|",

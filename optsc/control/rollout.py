@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from optsc.control.approach import Approach
@@ -22,7 +24,7 @@ def can_travel(robot: RobotModel, settings: Approach, q: Array, waypoints: list[
     pre-grasp too, and yet lie behind a joint limit on the way.
     """
     rng = np.random.default_rng(0)
-    for start, end in zip(waypoints, waypoints[1:], strict=False):
+    for start, end in pairwise(waypoints):
         length = float(np.linalg.norm(end.translation - start.translation))
         turn = float(rotation.angle(end.quaternion, start.quaternion))
         duration = max(length / settings.speed, turn / settings.angular_speed)

@@ -49,6 +49,8 @@ class Status(Enum):
     UNSOLVED = "the solver found no motion"
 
 
+FARTHEST = 1e9
+"""Positions [m] and stamps [s] from here on are faults, not targets."""
 SINGULAR_SHARE = 0.1
 """Share of the manipulability at home below which the arm may be losing a direction (ours)."""
 NOTICEABLE = (1e-3, 5e-3)
@@ -134,6 +136,16 @@ def catching_up(limits: JointLimits, bandwidth: float) -> tuple[float, float]:
     """
     linear, angular = tool_braking(limits)
     return 3.0 * exp(1.0) * linear / bandwidth**2, 3.0 * exp(1.0) * angular / bandwidth**2
+
+
+def _is_pose(p: list[float], q: list[float]) -> bool:
+    """Tell whether this is one pose; sums of magnitudes carry what is not finite, and do not cancel."""
+    if len(p) != 3 or len(q) != 4:
+        return False
+    return (
+        abs(p[0]) + abs(p[1]) + abs(p[2]) < FARTHEST
+        and 0.9 < q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2 < 1.1
+    )
 
 
 class Servo:
@@ -227,8 +239,8 @@ class Servo:
         if X_WT is not None:
             p, q = X_WT.translation.tolist(), X_WT.quaternion.tolist()
             when = self.time if stamp is None else stamp
-            if len(p) != 3 or not abs(sum(p) + sum(q) + when) < 1e9:
-                return self._stop(Status.INVALID, "target is not one finite pose")
+            if not _is_pose(p, q) or not abs(when) < FARTHEST:
+                return self._stop(Status.INVALID, "target is not one finite pose with a unit quaternion")
             self.observe(tuple(p), tuple(q), when)
         track = self._track
         if track is None:
@@ -265,7 +277,7 @@ class Servo:
         reference, guard = self._reference, self.guard
         lowest, highest = guard.lowest, guard.highest
         rows = None if self.avoid is None else self.avoid.rows(guard.q, lowest, highest)
-        step = self.ik.solve(guard.q, reference[:7], self._next_reference[7:13], lowest, highest, rows)
+        step = self.ik.solve(guard.columns, reference[:7], self._next_reference[7:13], lowest, highest, rows)
         reference[:] = self._next_reference
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
@@ -274,7 +286,7 @@ class Servo:
             self._wait(step.error)
         wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
         status, reason = self._verdict(wanted, far)
-        if step.volume < self._singular_volume and status is not Status.LIMITED:
+        if step.volume < self._singular_volume and status not in (Status.LIMITED, Status.BLOCKED):
             status, reason = self._singular(step.error, status, reason)
         state = guard.advance(wanted)
         self.ticks += 1

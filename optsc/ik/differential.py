@@ -1,11 +1,12 @@
 """Differential inverse kinematics: the joint velocity of the next tick as a quadratic program.
 
     minimise  1/2 || W (J q' - V*) ||^2 + 1/2 w_p || q' - k_p (q_p - q) ||^2 + 1/2 (d + c || W e ||^2) || q' ||^2
+              + 1/2 w_s || q' - v - r T a ||^2
     within    lowest <= q' <= highest,   and rows such as distances
 
-with V* = V + min(k, sqrt(b / |e|)) e: the reference's twist, and its distance e from the present pose, at a gain in 1/s and
-no faster than the tool can brake. All in the tool
-frame, so that a weight belongs to one degree of freedom of the tool. The bounds come from outside (the viable
+with V* = V + min(k, sqrt(b / |e|)) e: the reference's twist, and its distance e from the present pose, at a gain in
+1/s and no faster than the tool can brake. All in the tool frame, so that a weight belongs to one degree of freedom of
+the tool. The bounds come from outside (the viable
 interval of every joint), which keeps this room free of limits.
 """
 
@@ -22,15 +23,17 @@ from optsc.geometry.rotation import Array
 from optsc.ik.solvers import QpSolver, Rows, make_solver
 from optsc.robot.differential import PoseTaskSettings, pose_task
 from optsc.robot.kernels.kernel import build_kernel
-from optsc.robot.manipulability import Manipulability
 from optsc.robot.limits import JointLimits
+from optsc.robot.manipulability import Manipulability
 from optsc.robot.model import RobotModel
 
 GAIN_PER_TICK = 0.3
 """Share of an error that one tick may take back; more lets the discrete loop overshoot."""
 
 GAIN_PER_RAMP = 0.5
-"""Share of an error that may be taken back while an acceleration is ramped up; more oscillates where jerk is limited."""
+"""Share of an error that may be taken back while an acceleration is ramped up; more oscillates."""
+TYPICAL_WEIGHT = 0.0625
+"""What one joint's velocity weighs in the tool task of an arm [m^2]: a lever of a quarter of a metre."""
 LEVER = (0.4, 0.5)
 """Tool motion per joint motion that the weakest joint is counted on for [m/rad, rad/rad]; cautious for arms."""
 
@@ -39,6 +42,18 @@ def tool_braking(limits: JointLimits) -> tuple[float, float]:
     """Return a deceleration of the tool [m/s^2, rad/s^2] that every joint can give."""
     weakest = float(limits.acceleration.min())
     return LEVER[0] * weakest, LEVER[1] * weakest
+
+
+def smoothness(time_constant: float, period: float) -> tuple[float, float]:
+    """Return the weight of the smoothness task and the share of the acceleration that goes on.
+
+    With z = exp(-T / time_constant) the task 1/2 w || q' - v - share T a ||^2, against a tool task of a typical weight,
+    is a filter with a double pole at z: the same in seconds at every rate.
+    """
+    if time_constant == 0.0:
+        return 0.0, 0.0
+    z = float(np.exp(-period / time_constant))
+    return TYPICAL_WEIGHT * (2.0 * z - z * z) / (1.0 - z) ** 2, z / (2.0 - z)
 
 
 def ramp_time(limits: JointLimits) -> float:
@@ -63,6 +78,8 @@ class IkSettings:
         posture_gain: how fast spare motion goes to the posture [1/s].
         manipulability_gain: how strongly spare motion climbs the gradient of the penalised manipulability, in the
             velocity of the posture task [rad/s per unit of M and rad]; zero leaves it out.
+        smoothing: time constant of the change of joint velocity [s]: when a joint saturates and the tool falls behind,
+            the others take over smoothly; zero for none.
         damping: weight on joint speed; bounds it near singularities [1].
         error_damping: further damping per squared weighted error; calms the arm where a target is out of reach [1].
     """
@@ -71,12 +88,13 @@ class IkSettings:
     orientation_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
     position_tolerance: tuple[float, float, float] = (0.0, 0.0, 0.0)
     orientation_tolerance: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gain: float = 60.0
+    gain: float = 20.0
     braking: tuple[float, float] | None = None
     largest_error: tuple[float, float] = (0.03, 0.1)
     posture_weight: float = 1e-4
     posture_gain: float = 1.0
     manipulability_gain: float = 0.0
+    smoothing: float = 5e-3
     damping: float = 1e-5
     error_damping: float = 20.0
 
@@ -94,6 +112,7 @@ class IkSettings:
             "posture_weight",
             "posture_gain",
             "manipulability_gain",
+            "smoothing",
             "damping",
             "error_damping",
         ):
@@ -117,6 +136,7 @@ class IkSettings:
         s[PoseTaskSettings.LARGEST_ERROR] = self.largest_error
         s[PoseTaskSettings.POSTURE_WEIGHT] = self.posture_weight
         s[PoseTaskSettings.POSTURE_GAIN] = self.posture_gain
+        s[PoseTaskSettings.SMOOTHNESS] = smoothness(self.smoothing, period)[0]
         s[PoseTaskSettings.DAMPING] = self.damping
         s[PoseTaskSettings.ERROR_DAMPING] = self.error_damping
         return s
@@ -158,7 +178,8 @@ class DifferentialIK:
         if not (np.isfinite(self.period) and self.period > 0):
             raise InvalidValue("period", self.period, "positive [s]")
         self._kernel = build_kernel(pose_task(self.robot))
-        self._q, self._reference, self._twist, self._posture, vector = self._kernel.inputs
+        self._q, self._reference, self._twist, self._posture, self._onward, vector = self._kernel.inputs
+        self._carried = smoothness(self.settings.smoothing, self.period)[1] * self.period
         vector[:] = self.settings.vector(self.robot.limits, self.period)
         self._H, self._g, self._error, self._volume = self._kernel.outputs
         self._preferred = self.robot.home
@@ -177,7 +198,7 @@ class DifferentialIK:
 
     def solve(
         self,
-        q: Array,
+        state: tuple[Array, Array, Array],
         reference: Array,
         twist: Array,
         lowest: Array,
@@ -187,13 +208,15 @@ class DifferentialIK:
         """Return the joint velocity of the next tick; never raises.
 
         Args:
-            q: present posture (n,) [rad].
+            state: present joint positions, velocities and accelerations, each (n,), SI.
             reference: pose of T in W as position and quaternion (7,).
             twist: its linear and angular velocity (6,), in W.
             lowest, highest: bounds of the answer (n,) [rad/s].
             rows: further linear constraints on the answer.
         """
+        q, v, a = state
         self._q[:], self._reference[:], self._twist[:] = q, reference, twist
+        self._onward[:] = v + self._carried * a
         if self.settings.manipulability_gain > 0:
             # A posture that lies uphill: the task's gain turns it into the wanted share of the gradient.
             uphill = self.manipulability.gradient(self.robot, q)

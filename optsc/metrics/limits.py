@@ -75,7 +75,7 @@ def limit_violations(
         raise InvalidValue("q, v and a", [x.shape for x in commands], "one shape (N, n)")
     positions, velocities, accelerations = commands
     n = positions.shape[1]
-    low, high = _limits("lower", lower, n, -np.inf), _limits("upper", upper, n, -np.inf)
+    low, high = _limits("lower", lower, n), _limits("upper", upper, n)
     margin = np.minimum(positions - low, high - positions)
     jerks = np.diff(accelerations, axis=0) * rate
     used = [
@@ -110,10 +110,11 @@ def rms_jerk_ratio(a: ArrayLike, rate: float, jerk: ArrayLike) -> float:
     return float(np.sqrt(np.mean(share * share))) if share.size else 0.0
 
 
-def _limits(name: str, value: ArrayLike, n: int, above: float) -> Array:
+def _limits(name: str, value: ArrayLike, n: int, above: float | None = None) -> Array:
     limits = np.asarray(value, dtype=float)
-    if limits.shape != (n,) or np.any(np.isnan(limits)) or not np.all(limits > above):
-        raise InvalidValue(f"{name} limits", limits.tolist(), f"shape ({n},), above {above}")
+    if limits.shape != (n,) or np.any(np.isnan(limits)) or not (above is None or np.all(limits > above)):
+        words = "" if above is None else f", above {above}"
+        raise InvalidValue(f"{name} limits", limits.tolist(), f"shape ({n},), no NaN{words}")
     return limits
 
 

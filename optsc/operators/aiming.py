@@ -45,7 +45,8 @@ class AimParameters:
             a, b = getattr(self, name)
             if not (low <= a <= b <= high and np.isfinite(b)):
                 raise InvalidValue(name, (a, b), f"lower, upper within {low} to {high}")
-        for name, high in (("azimuth", pi), ("roll", pi), ("nearest", np.inf), ("clearance", np.inf), ("adjustment", 1.0)):
+        highest = {"azimuth": pi, "roll": pi, "nearest": np.inf, "clearance": np.inf, "adjustment": 1.0}
+        for name, high in highest.items():
             if not 0.0 <= getattr(self, name) <= high:
                 raise InvalidValue(name, getattr(self, name), f"0 to {high}")
         if not np.isfinite(self.middle):

@@ -2,7 +2,7 @@
 
 G. Casiez, N. Roussel, D. Vogel, "1 EUR filter: a simple speed-based low-pass filter for noisy input in interactive
 systems", CHI 2012. The cut-off frequency rises with the speed: calm at rest, quick in motion. A plain low-pass is the
-same filter with a slope of zero. Rotations go the same share of the way by SLERP, with the speed of the rotation vector.
+same filter with a slope of zero. Rotations go the same share of the way by SLERP, at the speed of their vector.
 """
 
 from __future__ import annotations

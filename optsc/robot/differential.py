@@ -10,7 +10,6 @@ import casadi
 from optsc.robot.kernels.kinematics import chain
 from optsc.robot.model import RobotModel
 
-
 GRIP = 0.8
 """Share of a dead band that is entirely free; over the rest the component is taken hold of."""
 
@@ -18,7 +17,7 @@ GRIP = 0.8
 class PoseTaskSettings:
     """Layout of the settings vector of `pose_task`; see `optsc.ik.differential` for meaning and units."""
 
-    SIZE = 22
+    SIZE = 23
     WEIGHTS = slice(0, 6)
     GAIN = slice(6, 8)
     LARGEST_ERROR = slice(8, 10)
@@ -28,6 +27,7 @@ class PoseTaskSettings:
     ERROR_DAMPING = 13
     TOLERANCE = slice(14, 20)
     BRAKING = slice(20, 22)
+    SMOOTHNESS = 22
 
 
 def _multiply(a: casadi.SX, b: casadi.SX) -> casadi.SX:
@@ -71,8 +71,9 @@ def _at_most(v: casadi.SX, length: casadi.SX) -> casadi.SX:
 def reference_model() -> casadi.Function:
     """Return one step of the third-order model that turns a stream of targets into a smooth reference.
 
-    Inputs: reference (19) = p, quaternion, v, w, dv/dt, dw/dt; target (19), the same at the end of the step; transition (3, 3), the exact step of error, rate and acceleration; largest errors (2) [m, rad], the distance
-    to the target that counts at most, which bounds the speed of catching up; period [s].
+    Inputs: reference (19) = p, quaternion, v, w, dv/dt, dw/dt; target (19), the same at the end of the step;
+    transition (3, 3), the exact step of error, rate and acceleration; largest errors (2) [m, rad], the distance to
+    the target that counts at most, which bounds the speed of catching up; period [s].
     Output: the next reference (19). All in W.
 
     The error obeys (d/dt + omega)^3 e = 0: critically damped, so it does not overshoot a resting target, and
@@ -103,12 +104,13 @@ def reference_model() -> casadi.Function:
 def pose_task(robot: RobotModel) -> casadi.Function:
     """Return the quadratic cost of one tick in the joint velocity.
 
-    Inputs: q (n); reference (7) = p, quaternion of T in W; twist (6), linear over angular, in W; posture (n); settings
-    (22), see `PoseTaskSettings`. Outputs: H (n, n) and g (n) of 1/2 v'Hv + g'v; pose error (6) beyond the
+    Inputs: q (n); reference (7) = p, quaternion of T in W; twist (6), linear over angular, in W; posture (n);
+    onward (n), the joint velocity that goes on smoothly; settings
+    (23), see `PoseTaskSettings`. Outputs: H (n, n) and g (n) of 1/2 v'Hv + g'v; pose error (6) beyond the
     tolerances, reference minus present, in T's axes [m, rad]; sqrt(det(J J')) or, below six joints, sqrt(det(J'J)).
     """
     n = robot.n
-    q, posture = casadi.SX.sym("q", n), casadi.SX.sym("posture", n)
+    q, posture, onward = (casadi.SX.sym(name, n) for name in ("q", "posture", "onward"))
     reference, twist = casadi.SX.sym("reference", 7), casadi.SX.sym("twist", 6)
     s = casadi.SX.sym("settings", PoseTaskSettings.SIZE)
     R, p, J = chain(robot, q)
@@ -134,11 +136,13 @@ def pose_task(robot: RobotModel) -> casadi.Function:
     damping = s[PoseTaskSettings.DAMPING] + s[PoseTaskSettings.ERROR_DAMPING] * square
     H = weighted_J.T @ weighted_J + (posture_weight + damping) * casadi.SX.eye(n)
     homeward = s[PoseTaskSettings.POSTURE_GAIN] * (posture - q)
-    g = -weighted_J.T @ (weight * wanted) - posture_weight * homeward
+    smoothness = s[PoseTaskSettings.SMOOTHNESS]
+    H = H + smoothness * casadi.SX.eye(n)
+    g = -weighted_J.T @ (weight * wanted) - posture_weight * homeward - smoothness * onward
     gram = tool_J @ tool_J.T if n >= 6 else tool_J.T @ tool_J
     volume = casadi.sqrt(_determinant(gram))
     outputs = [casadi.densify(x) for x in (H, g, error, volume)]
-    return casadi.Function("pose_task", [q, reference, twist, posture, s], outputs)
+    return casadi.Function("pose_task", [q, reference, twist, posture, onward, s], outputs)
 
 
 def _pull(error: casadi.SX, gain: casadi.SX, braking: casadi.SX) -> casadi.SX:

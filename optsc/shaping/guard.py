@@ -78,6 +78,11 @@ class JointGuard:
         return JointState(*self._state.T.copy())
 
     @property
+    def columns(self) -> tuple[Array, Array, Array]:
+        """The commanded positions, velocities and accelerations (n,): views that the next tick changes."""
+        return self._state[:, 0], self._state[:, 1], self._state[:, 2]
+
+    @property
     def q(self) -> Array:
         """The commanded posture (n,) [rad]: a view that the next tick changes."""
         return self._state[:, 0]

@@ -118,12 +118,45 @@ def test_without_new_targets_the_arm_comes_to_rest_and_says_so():
     assert command.status is Status.FOLLOWING
 
 
-FOUR_JOINTS = """<robot name="four"><link name="base"/><link name="l1"/><link name="l2"/><link name="l3"/><link name="l4"/><link name="tool"/>
-<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0 0.2"/><axis xyz="0 0 1"/><limit effort="1" velocity="2" lower="-3" upper="3"/></joint>
-<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/><limit effort="1" velocity="2" lower="-2" upper="2"/></joint>
-<joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit effort="1" velocity="2" lower="-2.5" upper="2.5"/></joint>
-<joint name="j4" type="revolute"><parent link="l3"/><child link="l4"/><origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit effort="1" velocity="2" lower="-2" upper="2"/></joint>
-<joint name="t" type="fixed"><parent link="l4"/><child link="tool"/><origin xyz="0 0 0.1"/></joint></robot>"""
+FOUR_JOINTS = """<robot name="four">
+<link name="base"/>
+<link name="l1"/>
+<link name="l2"/>
+<link name="l3"/>
+<link name="l4"/>
+<link name="tool"/>
+<joint name="j1" type="revolute">
+<parent link="base"/>
+<child link="l1"/>
+<origin xyz="0 0 0.2"/>
+<axis xyz="0 0 1"/>
+<limit effort="1" velocity="2" lower="-3" upper="3"/>
+</joint>
+<joint name="j2" type="revolute">
+<parent link="l1"/>
+<child link="l2"/>
+<axis xyz="0 1 0"/>
+<limit effort="1" velocity="2" lower="-2" upper="2"/>
+</joint>
+<joint name="j3" type="revolute">
+<parent link="l2"/>
+<child link="l3"/>
+<origin xyz="0 0 0.3"/>
+<axis xyz="0 1 0"/>
+<limit effort="1" velocity="2" lower="-2.5" upper="2.5"/>
+</joint>
+<joint name="j4" type="revolute">
+<parent link="l3"/>
+<child link="l4"/>
+<origin xyz="0 0 0.3"/>
+<axis xyz="0 1 0"/>
+<limit effort="1" velocity="2" lower="-2" upper="2"/>
+</joint>
+<joint name="t" type="fixed">
+<parent link="l4"/>
+<child link="tool"/>
+<origin xyz="0 0 0.1"/>
+</joint></robot>"""
 
 
 def test_an_arm_of_four_joints_follows_in_position(tmp_path):

@@ -176,7 +176,9 @@ def test_every_solver_avoids_alike(solver):
     down = Pose(X.quaternion, np.array([*X.translation[:2], -0.1]))
     for _ in range(1500):
         a, b = (servo.step(down, servo.time) for servo in servos)
-        np.testing.assert_allclose(a.q, b.q, atol=2e-4)
+        # Spare motion weighs little, so that solvers of finite accuracy may slowly drift apart in it.
+        np.testing.assert_allclose(a.q, b.q, atol=2e-3)
+        np.testing.assert_allclose(*(s.X_WT.translation for s in servos), atol=1e-4)
     assert "table" in a.reason
 
 

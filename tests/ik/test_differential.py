@@ -1,5 +1,8 @@
 """One tick of differential IK: its cost against a separately written one, and what its terms mean."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pinocchio
 import pytest
@@ -10,6 +13,7 @@ from optsc.robot import ROBOT_NAMES, load_robot
 from optsc.robot.manipulability import Manipulability
 
 PERIOD = 2e-3
+CALM = partial(IkSettings, smoothing=0.0, gain=60.0)  # one tick by itself: nothing is carried over
 
 
 def row(X):
@@ -18,6 +22,10 @@ def row(X):
 
 def wide(robot):
     return -100 * np.ones(robot.n), 100 * np.ones(robot.n)
+
+
+def still(q):
+    return q, np.zeros_like(q), np.zeros_like(q)
 
 
 def expected_cost(robot, settings, q, reference, twist, posture):
@@ -44,14 +52,14 @@ def expected_cost(robot, settings, q, reference, twist, posture):
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_the_cost_equals_its_formula(name):
     robot, rng = load_robot(name), np.random.default_rng(0)
-    settings = IkSettings(position_weight=(1.0, 2.0, 0.5), orientation_weight=(0.3, 0.1, 0.0))
+    settings = CALM(position_weight=(1.0, 2.0, 0.5), orientation_weight=(0.3, 0.1, 0.0))
     ik = DifferentialIK(robot, PERIOD, settings)
     for _ in range(10):
         q, posture = robot.random_posture(rng), robot.random_posture(rng)
         reference, twist = robot.forward(q + 0.05 * rng.normal(size=robot.n)), rng.normal(size=6)
         ik.prefer(posture)
         H, g, error = expected_cost(robot, settings, q, reference, twist, posture)
-        step = ik.solve(q, row(reference), twist, *wide(robot))
+        step = ik.solve(still(q), row(reference), twist, *wide(robot))
         np.testing.assert_allclose(step.error, error, atol=1e-9)
         np.testing.assert_allclose(H @ step.velocity, -g, atol=1e-6)
         J = robot.jacobian(q)
@@ -63,7 +71,7 @@ def test_the_answer_does_not_depend_on_the_period():
     q = robot.home
     reference, twist = robot.forward(q + 0.01), np.array([0.1, 0, 0, 0, 0.1, 0])
     answers = [
-        DifferentialIK(robot, period).solve(q, row(reference), twist, *wide(robot)).velocity
+        DifferentialIK(robot, period, CALM()).solve(still(q), row(reference), twist, *wide(robot)).velocity
         for period in (1e-3, 4e-3)
     ]
     np.testing.assert_allclose(*answers, atol=1e-12)
@@ -72,9 +80,9 @@ def test_the_answer_does_not_depend_on_the_period():
 def test_a_zero_weight_leaves_that_direction_of_the_tool_free():
     robot = load_robot("panda")
     q = robot.home
-    roll = DifferentialIK(robot, PERIOD, IkSettings(orientation_weight=(0.3, 0.3, 0.0)))
+    roll = DifferentialIK(robot, PERIOD, CALM(orientation_weight=(0.3, 0.3, 0.0)))
     reference = robot.forward(q + np.array([0, 0, 0, 0, 0, 0, 0.1]))  # a pure roll of the tool
-    step = roll.solve(q, row(reference), np.zeros(6), *wide(robot))
+    step = roll.solve(still(q), row(reference), np.zeros(6), *wide(robot))
     assert abs(step.error[5]) == pytest.approx(0.1, abs=1e-6)
     np.testing.assert_allclose(robot.jacobian(q) @ step.velocity, 0, atol=1e-3)
 
@@ -82,7 +90,7 @@ def test_a_zero_weight_leaves_that_direction_of_the_tool_free():
 @pytest.mark.parametrize("band", [2e-3, 0.05])
 def test_a_dead_band_leaves_its_direction_free_and_is_exact(band):
     robot = load_robot("ur5")
-    ik = DifferentialIK(robot, PERIOD, IkSettings(position_tolerance=(0.0, 0.0, band)))
+    ik = DifferentialIK(robot, PERIOD, CALM(position_tolerance=(0.0, 0.0, band)))
     start = robot.forward(robot.home)
     z = start.rotation_matrix()[:, 2]
 
@@ -90,7 +98,7 @@ def test_a_dead_band_leaves_its_direction_free_and_is_exact(band):
         target = np.concatenate([start.translation + distance * z, start.quaternion])
         q = robot.home.copy()
         for _ in range(800):
-            q = q + PERIOD * ik.solve(q, target, np.zeros(6), *wide(robot)).velocity
+            q = q + PERIOD * ik.solve(still(q), target, np.zeros(6), *wide(robot)).velocity
         return z @ (robot.forward(q).translation - start.translation)
 
     assert abs(end_for(0.5 * band)) < 0.01 * band + 1e-6
@@ -100,11 +108,11 @@ def test_a_dead_band_leaves_its_direction_free_and_is_exact(band):
 
 def test_a_rotation_within_its_dead_band_is_not_followed():
     robot = load_robot("panda")
-    ik = DifferentialIK(robot, PERIOD, IkSettings(orientation_tolerance=(0.0, 0.0, 0.3)))
+    ik = DifferentialIK(robot, PERIOD, CALM(orientation_tolerance=(0.0, 0.0, 0.3)))
     for turn, followed in ((0.2, 0.0), (0.5, 0.2)):
         q, ahead = robot.home.copy(), robot.home + turn * np.eye(7)[6]
         for _ in range(800):
-            q = q + PERIOD * ik.solve(q, row(robot.forward(ahead)), np.zeros(6), *wide(robot)).velocity
+            q = q + PERIOD * ik.solve(still(q), row(robot.forward(ahead)), np.zeros(6), *wide(robot)).velocity
         left = pinocchio.log3(
             robot.forward(q).rotation_matrix().T @ robot.forward(robot.home).rotation_matrix()
         )
@@ -113,9 +121,9 @@ def test_a_rotation_within_its_dead_band_is_not_followed():
 
 def test_spare_motion_goes_to_the_posture_and_does_not_move_the_tool():
     robot = load_robot("panda")
-    ik = DifferentialIK(robot, PERIOD)
+    ik = DifferentialIK(robot, PERIOD, CALM())
     ik.prefer(robot.home + 0.3 * np.eye(7)[0])
-    step = ik.solve(robot.home, row(robot.forward(robot.home)), np.zeros(6), *wide(robot))
+    step = ik.solve(still(robot.home), row(robot.forward(robot.home)), np.zeros(6), *wide(robot))
     assert step.velocity[0] > 0.01
     assert np.linalg.norm((robot.jacobian(robot.home) @ step.velocity)[:3]) < 5e-3
 
@@ -126,11 +134,11 @@ def test_spare_motion_climbs_the_manipulability_and_does_not_move_the_tool():
     X, M = row(robot.forward(q)), Manipulability()
     ends = []
     for gain in (0.0, 20.0):
-        ik = DifferentialIK(robot, PERIOD, IkSettings(manipulability_gain=gain, posture_gain=0.1))
+        ik = DifferentialIK(robot, PERIOD, CALM(manipulability_gain=gain, posture_gain=0.1))
         ik.prefer(q)
         posture = q.copy()
         for _ in range(1000):
-            posture = posture + PERIOD * ik.solve(posture, X, np.zeros(6), *wide(robot)).velocity
+            posture = posture + PERIOD * ik.solve(still(posture), X, np.zeros(6), *wide(robot)).velocity
         ends.append(float(M.evaluate(robot, posture)))
         assert np.linalg.norm(robot.forward(posture).translation - robot.forward(q).translation) < 2e-3
     assert ends[1] > ends[0] + 5e-4
@@ -138,9 +146,9 @@ def test_spare_motion_climbs_the_manipulability_and_does_not_move_the_tool():
 
 def test_bounds_are_kept():
     robot = load_robot("ur5")
-    ik = DifferentialIK(robot, PERIOD)
+    ik = DifferentialIK(robot, PERIOD, CALM())
     reference = robot.forward(robot.home + 0.3)
-    step = ik.solve(robot.home, row(reference), np.zeros(6), np.full(6, -0.05), np.full(6, 0.05))
+    step = ik.solve(still(robot.home), row(reference), np.zeros(6), np.full(6, -0.05), np.full(6, 0.05))
     assert np.all(np.abs(step.velocity) <= 0.05 + 1e-9)
 
 
@@ -154,3 +162,33 @@ def test_impossible_settings_are_refused():
     ):
         with pytest.raises(InvalidValue):
             IkSettings(**wrong)
+
+
+@pytest.mark.parametrize("period", [1e-3, 4e-3])
+def test_the_smoothness_task_equals_its_formula(period):
+    robot, rng = load_robot("iiwa"), np.random.default_rng(3)
+    settings = IkSettings(smoothing=5e-3)
+    plain, smooth = (DifferentialIK(robot, period, s) for s in (replace(settings, smoothing=0.0), settings))
+    q, v, a = robot.random_posture(rng), rng.normal(size=7), rng.normal(size=7)
+    target, twist = row(robot.forward(q + 0.01)), rng.normal(size=6)
+    z = np.exp(-period / 5e-3)
+    w, share = 0.0625 * (2 * z - z * z) / (1 - z) ** 2, z / (2 - z)
+    free = plain.solve((q, v, a), target, twist, *wide(robot))
+    H = np.array(plain._H)
+    expected = np.linalg.solve(H + w * np.eye(7), H @ free.velocity + w * (v + share * period * a))
+    np.testing.assert_allclose(
+        smooth.solve((q, v, a), target, twist, *wide(robot)).velocity, expected, atol=1e-6
+    )
+
+
+def test_the_smoothness_task_fades_alike_at_every_rate():
+    robot = load_robot("panda")
+    target, ends = row(robot.forward(robot.home)), []
+    for period in (1e-3, 2e-3):
+        ik = DifferentialIK(robot, period, IkSettings(gain=0.0, braking=(1e-9, 1e-9)))
+        q, v, a = robot.home, np.full(7, 0.1), np.zeros(7)
+        for _ in range(round(0.02 / period)):
+            new = ik.solve((q, v, a), target, np.zeros(6), *wide(robot)).velocity
+            v, a = new, (new - v) / period
+        ends.append(np.linalg.norm(v))
+    assert ends[0] == pytest.approx(ends[1], rel=0.15)
