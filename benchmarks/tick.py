@@ -33,13 +33,16 @@ from benchmarks.peers import (
 )
 from optsc.control.servo import Servo
 from optsc.geometry import Pose
+from optsc.ik import Avoidance
 from optsc.operators.clutch import ClutchSettings, Hand, engage, follow
 from optsc.robot import RobotModel, load_robot
+from optsc.sim import tabletop
 
 BLOCK = 40
 """Ticks of one turn."""
 WARM_UP = 0.05
 """Share of each series that is not counted."""
+SERVO_AVOIDING = "optsc, the same, avoiding itself, the table and three objects"
 SERVO = "optsc, whole tick: clutch, prediction, reference, QP with position + velocity + acceleration + jerk, guard"
 BASE = "Pink, position + velocity: solve_ik"
 
@@ -58,16 +61,16 @@ def samples_of(robot: RobotModel, rate: float, sample_rate: float, count: int) -
 class ServoContender:
     """The servo behind a clutch, as a controller in manual mode runs it."""
 
-    def __init__(self, robot: RobotModel, rate: float) -> None:
-        self._settings = ClutchSettings(orientation="relative")
-        self.servo = Servo(robot, rate)
+    def __init__(self, robot: RobotModel, rate: float, name: str = SERVO, avoid: Avoidance | None = None) -> None:
+        self._settings, self._name = ClutchSettings(orientation="relative"), name
+        self.servo = Servo(robot, rate, avoid=avoid)
         X = robot.forward(robot.home)
         p, q = tuple(X.translation.tolist()), tuple(X.quaternion.tolist())
         self._clutch = engage(self._settings, Hand(p, q, 0.0), p, q)
 
     def run(self, samples: Samples, series: Series) -> None:
         """Run the ticks of one turn and add their times [s]."""
-        servo, times = self.servo, series[SERVO]
+        servo, times = self.servo, series[self._name]
         for X in samples:
             start = perf_counter()
             if X is not None:
@@ -138,10 +141,17 @@ class PlacoContender:
         self._process.communicate()
 
 
+def avoidance_of(robot: RobotModel) -> Avoidance:
+    """Avoid the arm itself, the table and the three objects of a scene."""
+    world = tabletop(robot, seed=0)
+    return Avoidance(robot, {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()})
+
+
 def contenders_for(robot: RobotModel, rate: float, placo: str | None) -> tuple[list[Any], list[str]]:
     """Return what can be measured here, and why not the rest."""
     makers: list[tuple[str, Callable[[], Any]]] = [
         ("optsc", lambda: ServoContender(robot, rate)),
+        ("optsc avoiding", lambda: ServoContender(robot, rate, SERVO_AVOIDING, avoidance_of(robot))),
         ("Pink", lambda: PeerContender(PinkPeer(robot, rate))),
         ("Pink with accelerations", lambda: PeerContender(PinkPeer(robot, rate, accelerations=True))),
         ("mink", lambda: PeerContender(MinkPeer(robot, rate))),

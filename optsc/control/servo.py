@@ -54,7 +54,8 @@ FARTHEST = 1e9
 SINGULAR_SHARE = 0.1
 """Share of the manipulability at home below which the arm may be losing a direction (ours)."""
 NOTICEABLE = (1e-3, 5e-3)
-"""Distance and angle to the reference [m, rad] below which a lost direction is of no concern (ours)."""
+"""Distance and angle to the reference [m, rad] up to which the arm counts as following, whatever limit it touches
+(ours): half of what the tool may be off."""
 
 
 class Command(NamedTuple):
@@ -67,6 +68,7 @@ class Command(NamedTuple):
         error: reference minus commanded tool pose (6,), in the tool frame [m, rad].
         volume: Yoshikawa's index at the commanded posture.
         iterations: of the solver.
+        slack: how far the velocities had to miss the rows of collision avoidance [m/s]; zero while none had to give.
     """
 
     q: Array
@@ -77,6 +79,7 @@ class Command(NamedTuple):
     error: Array
     volume: float
     iterations: int
+    slack: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,12 @@ def _is_pose(p: list[float], q: list[float]) -> bool:
         abs(p[0]) + abs(p[1]) + abs(p[2]) < FARTHEST
         and 0.9 < q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2 < 1.1
     )
+
+
+def _is_noticeable(error: Array) -> bool:
+    x, y, z, a, b, c = error.tolist()
+    distance, angle = NOTICEABLE
+    return x * x + y * y + z * z > distance * distance or a * a + b * b + c * c > angle * angle
 
 
 class Servo:
@@ -285,12 +294,12 @@ class Servo:
         if far:
             self._wait(step.error)
         wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
-        status, reason = self._verdict(wanted, far)
-        if step.volume < self._singular_volume and status not in (Status.LIMITED, Status.BLOCKED):
+        status, reason = self._verdict(wanted, far) if _is_noticeable(step.error) else (Status.FOLLOWING, "")
+        if step.volume < self._singular_volume and _is_noticeable(step.error):
             status, reason = self._singular(step.error, status, reason)
         state = guard.advance(wanted)
         self.ticks += 1
-        return Command(*state, status, reason, step.error, step.volume, step.iterations)
+        return Command(*state, status, reason, step.error, step.volume, step.iterations, step.slack)
 
     def _is_far(self, error: Array) -> bool:
         x, y, z, a, b, c = error.tolist()
@@ -310,8 +319,7 @@ class Servo:
 
     def _singular(self, error: Array, status: Status, reason: str) -> tuple[Status, str]:
         """Say so where the arm lags in a direction that it is losing."""
-        x, y, z, a, b, c = error.tolist()
-        if max(abs(x), abs(y), abs(z)) < NOTICEABLE[0] and max(abs(a), abs(b), abs(c)) < NOTICEABLE[1]:
+        if status in (Status.LIMITED, Status.BLOCKED):
             return status, reason
         lost = lost_direction(self.robot, self.guard.q)
         if towards(lost, error) < 0.5:
