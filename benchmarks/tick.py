@@ -61,7 +61,9 @@ def samples_of(robot: RobotModel, rate: float, sample_rate: float, count: int) -
 class ServoContender:
     """The servo behind a clutch, as a controller in manual mode runs it."""
 
-    def __init__(self, robot: RobotModel, rate: float, name: str = SERVO, avoid: Avoidance | None = None) -> None:
+    def __init__(
+        self, robot: RobotModel, rate: float, name: str = SERVO, avoid: Avoidance | None = None
+    ) -> None:
         self._settings, self._name = ClutchSettings(orientation="relative"), name
         self.servo = Servo(robot, rate, avoid=avoid)
         X = robot.forward(robot.home)

@@ -69,6 +69,7 @@ class Command(NamedTuple):
         volume: Yoshikawa's index at the commanded posture.
         iterations: of the solver.
         slack: how far the velocities had to miss the rows of collision avoidance [m/s]; zero while none had to give.
+        outside: how far the joint furthest beyond its position limits is beyond them [rad]; zero when all are inside.
     """
 
     q: Array
@@ -80,6 +81,7 @@ class Command(NamedTuple):
     volume: float
     iterations: int
     slack: float = 0.0
+    outside: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -205,6 +207,10 @@ class Servo:
         self._track: Track | None = None
         self._stopped = True
 
+    def set_limits(self, limits: JointLimits) -> None:
+        """Keep other joint limits from now on, also in motion, see `JointGuard.set_limits`; raise `InvalidValue`."""
+        self.guard.set_limits(limits)
+
     def reset_posture(self, q: ArrayLike) -> None:
         """Go on from posture ``q`` (n,) [rad], at rest, without turning back the clock; raise `InvalidValue`."""
         self.guard.reset(self.robot.checked(q))
@@ -299,7 +305,9 @@ class Servo:
             status, reason = self._singular(step.error, status, reason)
         state = guard.advance(wanted)
         self.ticks += 1
-        return Command(*state, status, reason, step.error, step.volume, step.iterations, step.slack)
+        return Command(
+            *state, status, reason, step.error, step.volume, step.iterations, step.slack, guard.outside
+        )
 
     def _is_far(self, error: Array) -> bool:
         x, y, z, a, b, c = error.tolist()
@@ -354,4 +362,4 @@ class Servo:
         self.ticks += 1
         if status is Status.HOLDING and state.v.any():
             status = Status.STOPPING
-        return Command(*state, status, reason, np.zeros(6), 0.0, 0)
+        return Command(*state, status, reason, np.zeros(6), 0.0, 0, 0.0, guard.outside)

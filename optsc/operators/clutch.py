@@ -76,6 +76,8 @@ class ClutchSettings:
         rotation_scale: tool rotation per hand rotation; needs relative orientation.
         orientation: ``absolute`` (the paper) or ``relative``.
         slerp: how the mismatch of an absolute orientation fades.
+        fade: time over which the hand's motion comes in after the clutch has closed [s]. Zero is the paper's mapping; a
+            few tenths spare an arm the jump of speed when a hand is coupled that is already moving.
         largest_step: distance and angle from one sample to the next [m, rad] beyond which a hand has not moved but
             jumped, as trackers do: it is then coupled anew where it is.
     """
@@ -85,6 +87,7 @@ class ClutchSettings:
     rotation_scale: float = 1.0
     orientation: Literal["absolute", "relative"] = "absolute"
     slerp: Slerp = Slerp()
+    fade: float = 0.0
     largest_step: tuple[float, float] = (0.1, 0.6)
 
     def __post_init__(self) -> None:
@@ -95,6 +98,8 @@ class ClutchSettings:
                 raise InvalidValue(name, value, "positive and finite")
         if self.orientation not in ("absolute", "relative"):
             raise InvalidValue("orientation", self.orientation, "absolute or relative")
+        if not 0.0 <= self.fade < float("inf"):
+            raise InvalidValue("fade", self.fade, "finite and not negative [s]")
         if len(self.largest_step) != 2 or not all(step > 0 for step in self.largest_step):
             raise InvalidValue("largest_step", self.largest_step, "two positive numbers [m, rad]")
         if self.orientation == "absolute" and self.rotation_scale != 1.0:
@@ -109,6 +114,7 @@ class ClutchState(NamedTuple):
         tool_p, tool_q: target of the tool at the last sample.
         mismatch: rotation that still separates tool and hand, applied on the left of the hand's.
         stamp: time of the last sample [s].
+        since: when the clutch closed [s].
     """
 
     hand_p: Vector
@@ -117,6 +123,7 @@ class ClutchState(NamedTuple):
     tool_q: Quaternion
     mismatch: Quaternion
     stamp: float
+    since: float
 
 
 class Hand(NamedTuple):
@@ -132,7 +139,7 @@ def engage(settings: ClutchSettings, hand: Hand, tool_p: Vector, tool_q: Quatern
     hand_p = scalar.rotate(settings.R_WS, hand.p)
     hand_q = scalar.multiply(settings.R_WS, scalar.normalised(hand.q))
     mismatch = scalar.multiply(tool_q, scalar.conjugate(hand_q))
-    return ClutchState(hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp)
+    return ClutchState(hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, hand.stamp)
 
 
 def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchState:
@@ -143,7 +150,8 @@ def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchSt
     """
     hand_p = scalar.rotate(settings.R_WS, hand.p)
     hand_q = scalar.multiply(settings.R_WS, scalar.normalised(hand.q))
-    k = settings.scale
+    share = _faded_in(settings.fade, hand.stamp - state.since)
+    k = share * settings.scale
     tool_p = (
         state.tool_p[0] + k * (hand_p[0] - state.hand_p[0]),
         state.tool_p[1] + k * (hand_p[1] - state.hand_p[1]),
@@ -151,7 +159,7 @@ def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchSt
     )
     if settings.orientation == "relative":
         turn = scalar.log(scalar.multiply(hand_q, scalar.conjugate(state.hand_q)))
-        r = settings.rotation_scale
+        r = share * settings.rotation_scale
         tool_q = scalar.multiply(scalar.exp((turn[0] * r, turn[1] * r, turn[2] * r)), state.tool_q)
         mismatch = state.mismatch
     else:
@@ -161,7 +169,15 @@ def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchSt
             mismatch = scalar.multiply(state.tool_q, scalar.conjugate(hand_q))
         mismatch = settings.slerp.remaining(mismatch, hand.stamp - state.stamp)
         tool_q = scalar.multiply(mismatch, hand_q)
-    return ClutchState(hand_p, hand_q, tool_p, scalar.normalised(tool_q), mismatch, hand.stamp)
+    return ClutchState(hand_p, hand_q, tool_p, scalar.normalised(tool_q), mismatch, hand.stamp, state.since)
+
+
+def _faded_in(fade: float, elapsed: float) -> float:
+    """Return the share of the hand's motion that counts ``elapsed`` [s] after the clutch closed: a smooth step."""
+    if elapsed >= fade:
+        return 1.0
+    s = max(elapsed, 0.0) / fade
+    return s * s * (3.0 - 2.0 * s)
 
 
 def jumped(settings: ClutchSettings, state: ClutchState, hand: Hand) -> bool:

@@ -139,7 +139,7 @@ def viable_interval(n: int) -> casadi.Function:
 
     Inputs: state (n, 3) with the columns q, v, a; limits (n, 5) with lower, upper, V, A, J; the period dt [s].
     Outputs: lowest and highest viable velocity v' of the next tick (n,) [rad/s]; the `Bound` that closes each
-    end (n, 2). Jerk and acceleration never give, then velocity, then position: the interval is never empty.
+    end (n, 2); how far the joint furthest beyond its position limits is beyond them (1), zero when none is. Jerk and acceleration never give, then velocity, then position: the interval is never empty.
     """
     state, limits, dt = casadi.MX.sym("state", n, 3), casadi.MX.sym("limits", n, 5), casadi.MX.sym("dt")
     rates, ticks = limits[:, 2:].T, casadi.repmat(dt, 1, n)
@@ -152,11 +152,12 @@ def viable_interval(n: int) -> casadi.Function:
     middle = 0.5 * (lowest + highest)
     crossed = lowest > highest
     highest, lowest = casadi.if_else(crossed, middle, highest), casadi.if_else(crossed, middle, lowest)
-    v = state[:, 1]
+    q, v = state[:, 0], state[:, 1]
+    outside = casadi.fmax(casadi.mmax(casadi.fmax(q - limits[:, 1], limits[:, 0] - q)), 0.0)
     return casadi.Function(
         "viable_interval",
         [state, limits, dt],
-        [v + dt * lowest, v + dt * highest, casadi.horzcat(low[:, 2], high[:, 2])],
+        [v + dt * lowest, v + dt * highest, casadi.horzcat(low[:, 2], high[:, 2]), outside],
         ["state", "limits", "dt"],
-        ["lowest", "highest", "bounds"],
+        ["lowest", "highest", "bounds", "outside"],
     )

@@ -39,24 +39,44 @@ class JointGuard:
         from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
 
         n = len(limits)
-        self.limits, self.period = limits, period
+        self.period = period
         self._kernel = build_kernel(viable_interval(n))
-        self._state, limit_columns, tick = self._kernel.inputs
-        rates = np.column_stack([limits.velocity, limits.acceleration, limits.jerk]) * (1.0 - ROUNDING)
-        limit_columns[:] = np.column_stack([limits.lower, limits.upper, rates])
+        self._state, self._limit_columns, tick = self._kernel.inputs
         tick[:] = period
-        self.lowest, self.highest, self.bounds = self._kernel.outputs
+        self.lowest, self.highest, self.bounds, self._outside = self._kernel.outputs
         """Viable velocities of the next tick (n,) [rad/s], and the `Bound` (n, 2) that closes each end."""
         self._planner, self._trajectory = Ruckig(n), Trajectory(n)
         self._plan: Any = InputParameter(n)
         self._plan.control_interface = ControlInterface.Velocity
         self._plan.synchronization = Synchronization.No
-        self._plan.max_acceleration = limits.acceleration.tolist()
-        self._plan.max_jerk = limits.jerk.tolist()
         self._plan.target_acceleration = [0.0] * n
+        self._write(limits)
         self.planner_failures = 0
         """How often Ruckig had no answer and the velocity was merely clipped."""
         self.reset(np.clip(np.zeros(n), limits.lower, limits.upper))
+
+    def _write(self, limits: JointLimits) -> None:
+        self.limits = limits
+        rates = np.column_stack([limits.velocity, limits.acceleration, limits.jerk]) * (1.0 - ROUNDING)
+        self._limit_columns[:] = np.column_stack([limits.lower, limits.upper, rates])
+        self._plan.max_acceleration = limits.acceleration.tolist()
+        self._plan.max_jerk = limits.jerk.tolist()
+
+    def set_limits(self, limits: JointLimits) -> None:
+        """Keep other limits from now on, also in motion; raise `InvalidValue` unless they are for as many joints.
+
+        Jerk and acceleration hold at once. A joint that is too fast slows down as soon as they allow, and one that is
+        beyond a position limit is led back.
+        """
+        if len(limits) != len(self.limits):
+            raise InvalidValue("number of joints of the limits", len(limits), str(len(self.limits)))
+        self._write(limits)
+        self._kernel.run()
+
+    @property
+    def outside(self) -> float:
+        """How far the joint furthest beyond its position limits is beyond them [rad]; zero when all are inside."""
+        return float(self._outside[0])
 
     def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
         """Start from posture ``q`` (n,) [rad] with velocity ``v`` (n,) [rad/s] and no acceleration.

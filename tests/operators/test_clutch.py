@@ -125,6 +125,19 @@ def test_a_relative_rotation_is_scaled_and_goes_beyond_half_a_turn():
     assert rotation.angle(state.tool_q, rotation.exp([0, 0, 2.5])) < 1e-9
 
 
+def test_motion_fades_in_after_the_clutch_has_closed_and_then_counts_in_full():
+    settings = ClutchSettings(fade=0.3)
+    state = engage(settings, Hand((0, 0, 0), (1.0, 0, 0, 0), 1.0), (0, 0, 0), (1.0, 0, 0, 0))
+    steps = []
+    for k in range(1, 91):
+        before = state.tool_p[0]
+        state = follow(settings, state, Hand((0.003 * k, 0, 0), (1.0, 0, 0, 0), 1.0 + k / 90))
+        steps.append(state.tool_p[0] - before)
+    assert steps[0] < 0.05 * 0.003
+    assert steps[13] == pytest.approx(0.5 * 0.003, rel=0.1)
+    np.testing.assert_allclose(steps[27:], 0.003)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

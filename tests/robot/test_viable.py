@@ -28,7 +28,9 @@ def drive(limits, wanted, period, state=None):
     state = np.zeros((N, 3)) if state is None else state.copy()
     states, closed = [state.copy()], []
     for wish in wanted:
-        lowest, highest, bounds = kernel(state, limits, [period])
+        lowest, highest, bounds, outside = kernel(state, limits, [period])
+        beyond = np.maximum(state[:, 0] - limits[:, 1], limits[:, 0] - state[:, 0])
+        assert outside == pytest.approx(max(beyond.max(), 0.0), abs=1e-12)
         assert np.all(lowest <= highest)
         v = np.clip(wish, lowest, highest)
         q = state[:, 0] + 0.5 * period * (state[:, 1] + v)
@@ -96,6 +98,6 @@ def test_an_endless_joint_is_bounded_by_its_rates_alone():
 def test_motion_away_from_a_limit_is_free():
     limits = random_limits(np.random.default_rng(7))
     resting = np.column_stack([limits[:, 1], np.zeros(N), np.zeros(N)])
-    lowest, highest, _ = build_kernel(viable_interval(N))(resting, limits, [1e-3])
+    lowest, highest, *_ = build_kernel(viable_interval(N))(resting, limits, [1e-3])
     np.testing.assert_allclose(lowest, -np.minimum(limits[:, 4] * 1e-3, limits[:, 3]) * 1e-3)
     np.testing.assert_allclose(highest, 0, atol=1e-12)

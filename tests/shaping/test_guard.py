@@ -82,6 +82,33 @@ def test_a_stop_takes_no_longer_than_jerk_and_acceleration_force():
     assert stopped <= 1.2 * needed + 0.005
 
 
+def test_limits_that_tighten_in_motion_are_met_without_breaking_jerk_or_acceleration():
+    robot = load_robot("panda")
+    guard = JointGuard(robot.limits, 1e-3)
+    guard.reset(robot.home)
+    _, v, a = run(guard, np.full((300, 7), 1.0))
+    tight = robot.limits.tightened(velocity=0.2)
+    guard.set_limits(tight)
+    _, v, after = run(guard, np.full((400, 7), 1.0))
+    np.testing.assert_allclose(v[-1], tight.velocity, rtol=1e-6)
+    a = np.concatenate([a, after[1:]])
+    assert np.all(np.abs(a) <= robot.limits.acceleration * (1 + TOLERANCE))
+    assert np.all(np.abs(np.diff(a, axis=0)) <= robot.limits.jerk * 1e-3 * (1 + TOLERANCE))
+    with pytest.raises(InvalidValue, match="joints"):
+        guard.set_limits(load_robot("ur5").limits)
+
+
+def test_a_start_outside_says_how_far_and_comes_back():
+    robot = load_robot("panda")
+    guard = JointGuard(robot.limits, 1e-3)
+    start = robot.home.copy()
+    start[3] = robot.limits.upper[3] + 0.05
+    guard.reset(start)
+    assert guard.outside == pytest.approx(0.05)
+    run(guard, np.full((2000, 7), 1.0))
+    assert guard.outside <= 1e-9
+
+
 def test_a_bad_start_is_refused():
     robot = load_robot("panda")
     guard = JointGuard(robot.limits, 1e-3)
