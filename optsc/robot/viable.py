@@ -139,7 +139,8 @@ def viable_interval(n: int) -> casadi.Function:
 
     Inputs: state (n, 3) with the columns q, v, a; limits (n, 5) with lower, upper, V, A, J; the period dt [s].
     Outputs: lowest and highest viable velocity v' of the next tick (n,) [rad/s]; the `Bound` that closes each
-    end (n, 2); how far the joint furthest beyond its position limits is beyond them (1), zero when none is. Jerk and acceleration never give, then velocity, then position: the interval is never empty.
+    end (n, 2); how far the joint furthest beyond its position limits is beyond them (1), zero when none is.
+    Jerk and acceleration never give, then velocity, then position: the interval is never empty.
     """
     state, limits, dt = casadi.MX.sym("state", n, 3), casadi.MX.sym("limits", n, 5), casadi.MX.sym("dt")
     rates, ticks = limits[:, 2:].T, casadi.repmat(dt, 1, n)
