@@ -100,7 +100,7 @@ class ServoSettings:
         ik: weights and gains of the quadratic program.
     """
 
-    bandwidth: float = 55.0
+    bandwidth: float = 45.0
     lag: float = 0.027
     largest_error: tuple[float, float] | None = None
     timeout: float = 0.1

@@ -24,7 +24,7 @@ class PredictionSettings:
         longest_gap: samples further apart than this [s] start the estimate afresh, at rest.
     """
 
-    alpha: float = 0.8
+    alpha: float = 0.65
     horizon: float = 0.06
     longest_gap: float = 0.2
 
