@@ -153,10 +153,11 @@ def _is_pose(p: list[float], q: list[float]) -> bool:
     )
 
 
-def _is_noticeable(error: Array) -> bool:
+def _exceeds(error: Array, limits: tuple[float, float], share: float = 1.0) -> bool:
+    """Tell whether a pose error (6,) is beyond a distance or an angle; ``share`` scales their squares."""
     x, y, z, a, b, c = error.tolist()
-    distance, angle = NOTICEABLE
-    return x * x + y * y + z * z > distance * distance or a * a + b * b + c * c > angle * angle
+    distance, angle = limits
+    return x * x + y * y + z * z > share * distance**2 or a * a + b * b + c * c > share * angle**2
 
 
 class Servo:
@@ -296,24 +297,20 @@ class Servo:
         reference[:] = self._next_reference
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
-        far = self._is_far(step.error)
+        # A little inside, or a reference that waits at just this distance would count as near at every other tick.
+        far = _exceeds(step.error, self.settings.far, NEAR)
+        noticeable = _exceeds(step.error, NOTICEABLE)
         if far:
             self._wait(step.error)
         wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
-        status, reason = self._verdict(wanted, far) if _is_noticeable(step.error) else (Status.FOLLOWING, "")
-        if step.volume < self._singular_volume and _is_noticeable(step.error):
+        status, reason = self._verdict(wanted, far) if noticeable else (Status.FOLLOWING, "")
+        if step.volume < self._singular_volume and noticeable:
             status, reason = self._singular(step.error, status, reason)
         state = guard.advance(wanted)
         self.ticks += 1
         return Command(
             *state, status, reason, step.error, step.volume, step.iterations, step.slack, guard.outside
         )
-
-    def _is_far(self, error: Array) -> bool:
-        x, y, z, a, b, c = error.tolist()
-        distance, angle = self.settings.far
-        # A little inside, or a reference that waits at just this distance would count as near at every other tick.
-        return x * x + y * y + z * z > NEAR * distance**2 or a * a + b * b + c * c > NEAR * angle**2
 
     def _wait(self, error: Array) -> None:
         """Let the reference wait for an arm that cannot follow, so that there is no distance to make up in a rush."""

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from optsc.control.modes import Mode
+from optsc.errors import InvalidValue
 from optsc.followers import PyBulletFollower
 from optsc.grasps import GraspLibrary, build_library
 from optsc.metrics import limit_violations
 from optsc.operators import Reach
 from optsc.records import Tick
-from optsc.robot import RobotModel
+from optsc.robot import Gripper, RobotModel
 from optsc.robot.cache import cache_directory
 from optsc.sim import Tabletop, tabletop
 from optsc.study.episode import STRATEGIES, Episode, Setting, Strategy, run_episode
@@ -54,6 +55,12 @@ def plans(object_names: Sequence[str]) -> dict[str, tuple[Reach, ...]]:
     return result
 
 
+def _gripper_of(world: Tabletop) -> Gripper:
+    if world.robot.gripper is None:
+        raise InvalidValue("robot.gripper", None, "a gripper")
+    return world.robot.gripper
+
+
 def load_or_build(world: Tabletop, directory: Path | None, say: Say) -> GraspLibrary:
     """Return grasps of every object, stored below ``directory`` (the user's cache by default) and reused."""
     shown: dict[str, int] = {}
@@ -64,9 +71,7 @@ def load_or_build(world: Tabletop, directory: Path | None, say: Say) -> GraspLib
             shown[name] = tenth
             say(f"  grasps of the {name}: {done} of {total}")
 
-    gripper = world.robot.gripper
-    if gripper is None:
-        raise ValueError("a tabletop's robot has a gripper")
+    gripper = _gripper_of(world)
     return build_library(
         {name: model.mesh for name, model in world.objects.items()},
         gripper,
@@ -169,9 +174,7 @@ def table(demo: Demo) -> str:
 def figure(demo: Demo) -> Any:
     """Return the matplotlib figure: the grasps selected at two poses of the hand, and the ways of the tool."""
     world = demo.setting.world
-    gripper = world.robot.gripper
-    if gripper is None:
-        raise ValueError("a tabletop's robot has a gripper")
+    gripper = _gripper_of(world)
     shown = demo.intervened or demo.object_names[0]
     paper = demo.episodes[STRATEGIES[0].name, shown]
     starts = [i for i in paper.run.switches() if paper.run.modes[i] is Mode.APPROACH]
