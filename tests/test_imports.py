@@ -38,6 +38,12 @@ FENCES = {
     "pybullet": {"sim", "followers"},
     "matplotlib": {"viewers", "study"},
     "mpl_toolkits": {"viewers", "study"},
+    "small_gicp": {"perception"},
+    "open3d": {"perception"},
+    "h5py": {"grasps"},
+    "pyarrow": {"study"},
+    "distributed": {"study"},
+    "optuna": {"study"},
 }
 
 
