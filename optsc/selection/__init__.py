@@ -11,10 +11,12 @@ from optsc.selection.costs import (
     QualityLoss,
 )
 from optsc.selection.filters import AtMost, GraspFilter
+from optsc.selection.hysteresis import Hysteresis
 from optsc.selection.ranking import Ranking, Target
 from optsc.selection.reach import ReachTable, refresh, solve_reach
 from optsc.selection.rules import Cascade, Lexicographic, Rule, Stage, WeightedSum
 from optsc.selection.selector import GraspSelector
+from optsc.selection.veto import Vetoed
 
 __all__ = [
     "AtMost",
@@ -23,6 +25,7 @@ __all__ = [
     "GraspCost",
     "GraspFilter",
     "GraspSelector",
+    "Hysteresis",
     "JointTravel",
     "Lexicographic",
     "ManipulabilityLoss",
@@ -35,6 +38,7 @@ __all__ = [
     "Rule",
     "Stage",
     "Target",
+    "Vetoed",
     "WeightedSum",
     "refresh",
     "solve_reach",

@@ -130,6 +130,12 @@ class Ranking:
         best = layout.names[int(np.argmax(equal))] if any(won) else None
         return cls(MappingProxyType(chosen), best, stale, "", inputs, tuple(twins))
 
+    def follows_from(self, inputs: Inputs) -> bool:
+        """Tell whether ranking these very inputs again would change nothing; they are compared by identity."""
+        known = self._inputs
+        same = known is not None and all(a is b for a, b in zip(known, inputs, strict=True))
+        return same and not self.stale and not self.reason
+
     @property
     def object_names(self) -> tuple[str, ...]:
         """Names of the ranked objects, sorted."""

@@ -15,9 +15,11 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.selection.filters import GraspFilter
 from optsc.selection.grid import Grid, Situation
+from optsc.selection.hysteresis import Hysteresis, Viewpoint
 from optsc.selection.ranking import Inputs, Ranking, decide
 from optsc.selection.reach import ClearRows, Measure, ReachTable, SolveIk, refresh, solve_reach
 from optsc.selection.rules import Cascade, Rule
+from optsc.selection.veto import Vetoed
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
@@ -42,7 +44,9 @@ class GraspSelector:
     Attributes:
         robot: the arm.
         rule: how candidates are ranked.
-        filters: which candidates may be ranked, besides reachability.
+        filters: which candidates may be ranked, besides reachability and the operator's vetoes.
+        hysteresis: how far hand and arm move before the ranking takes notice; None for at once.
+        vetoed: grasps that are not offered, as pairs of object name and grasp index.
         candidates, table: what was observed last, and its reach table; None before.
         ranking: the newest ranking of a usable hand pose, None before.
     """
@@ -56,6 +60,7 @@ class GraspSelector:
         solve: SolveIk,
         standoff: float = 0.10,
         filters: Sequence[GraspFilter] = (),
+        hysteresis: Hysteresis | None = None,
         refresh_angle: float = 0.1,
         refresh_limit: int = 6,
     ) -> None:
@@ -68,6 +73,7 @@ class GraspSelector:
             solve: inverse kinematics, see `optsc.selection.reach.SolveIk`.
             standoff: distance from the pre-grasp to the grasp along the approach axis [m].
             filters: which candidates may be ranked, besides reachability.
+            hysteresis: how far hand and arm move before the ranking takes notice; None for at once.
             refresh_angle: how far a joint may be [rad] from where a finalist was solved before it is solved
                 again.
             refresh_limit: rows solved again in one call of `rank`, at most.
@@ -85,13 +91,26 @@ class GraspSelector:
             from optsc.robot.manipulability import Manipulability
 
             manipulability = Manipulability()
-        self.robot, self.filters = robot, tuple(filters)
+        self.robot, self.filters, self.hysteresis = robot, tuple(filters), hysteresis
         self.rule: Rule = Cascade.paper() if rule is None else rule
         self.ranking: Ranking | None = None
         self._manipulability, self._solve, self._standoff = manipulability, solve, standoff
         self._refresh_angle, self._refresh_limit = refresh_angle, refresh_limit
         self._clear: ClearRows | None = None
         self._grid: Grid | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Start anew: without vetoes, and with the next hand pose as if it were the first."""
+        self.vetoed: frozenset[tuple[str, int]] = frozenset()
+        self._in_force = self.filters
+        self._viewpoint: Viewpoint | None = None
+        self.ranking = None
+
+    def veto(self, object_name: str, grasp_index: int) -> None:
+        """Offer this grasp no more, until `forget`."""
+        self.vetoed |= {(object_name, int(grasp_index))}
+        self._in_force = (*self.filters, Vetoed(self.vetoed))
 
     @property
     def table(self) -> ReachTable | None:
@@ -157,8 +176,12 @@ class GraspSelector:
         w, x, y, z = X_WT.quaternion.tolist()
         quaternion = X_WT.quaternion / sqrt(w * w + x * x + y * y + z * z)
         budget = self._refresh_limit if refresh_limit is None else refresh_limit
-        inputs = Inputs(self._grid, self.rule, self.filters, quaternion, X_WT.translation, posture)
-        self.ranking = self._ranked(inputs, budget)
+        viewpoint = Viewpoint(quaternion, X_WT.translation, posture)
+        if self.hysteresis is not None:
+            viewpoint = self.hysteresis.dragged(self._viewpoint, viewpoint)
+        inputs = Inputs(self._grid, self.rule, self._in_force, *viewpoint)
+        if self.ranking is None or viewpoint is not self._viewpoint or not self.ranking.follows_from(inputs):
+            self.ranking, self._viewpoint = self._ranked(inputs, budget), viewpoint
         return self.ranking
 
     def _ranked(self, inputs: Inputs, budget: int) -> Ranking:
