@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "docs" / "servo-on-your-robot.md"]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"```python\n(.*?)```", re.DOTALL)
 BLOCKS = [(page.stem, block) for page in PAGES for block in FENCE.findall(page.read_text())]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))

@@ -1,5 +1,6 @@
 """Grasp selection: reach table, cost terms, filters, ranking rules, explanation."""
 
+from optsc.selection.breakdown import CandidateRow
 from optsc.selection.clearance import GraspClearance
 from optsc.selection.costs import (
     GraspCost,
@@ -20,6 +21,7 @@ from optsc.selection.veto import Vetoed
 
 __all__ = [
     "AtMost",
+    "CandidateRow",
     "Cascade",
     "GraspClearance",
     "GraspCost",

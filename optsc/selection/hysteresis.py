@@ -30,8 +30,9 @@ class Viewpoint(NamedTuple):
 class Hysteresis:
     """How far hand and arm move before the ranking takes notice.
 
-    The defaults are ours: several times a tracker's noise and a resting hand's tremor, and less than what a person
-    aims at. The price is a choice that is right for a pose at most that far from the hand's.
+    The defaults are ours: they cover the stillest stretches of a recorded hand, and are less than what a person aims
+    at (`python -m benchmarks.stability`). The price is a choice that is right for a pose at most that far from the
+    hand's.
 
     Attributes:
         position: of the tool [m].
@@ -39,8 +40,8 @@ class Hysteresis:
         joint: of every joint [rad].
     """
 
-    position: float = 0.006
-    angle: float = 0.035
+    position: float = 0.015
+    angle: float = 0.1
     joint: float = 0.05
 
     def __post_init__(self) -> None:

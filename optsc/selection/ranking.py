@@ -13,7 +13,8 @@ import numpy as np
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
-from optsc.selection import explain
+from optsc.selection import breakdown, explain
+from optsc.selection.breakdown import CandidateRow
 from optsc.selection.costs import GraspCost, PoseDistance
 from optsc.selection.filters import GraspFilter
 from optsc.selection.grid import Grid, Situation, situate
@@ -230,6 +231,14 @@ class Ranking:
         if i is None:
             return explain.ranking(self)
         return explain.candidate(self, self._candidate(i))
+
+    def rows(self) -> tuple[CandidateRow, ...]:
+        """Return every candidate with its costs, its rank, and what removed it: the best of each object first."""
+        return breakdown.rows(self)
+
+    def table(self, limit: int | None = None) -> str:
+        """Return `rows` as text in columns, at most ``limit`` of each object."""
+        return breakdown.text(self, limit)
 
     @property
     def _known(self) -> Inputs:
