@@ -58,6 +58,9 @@ class HumanParameters:
         dwell: between being content with the pose and pressing the trigger [s]; ours.
         press: how long the trigger is held [s]; ours.
         retrigger: least time between a lost automation and the next trigger [s]; ours.
+        grasp_tolerance: how near to a grasp the tool has to come to close the jaws by hand [m, rad]; ours.
+        standoff: how far before it a person who grasps by hand pauses [m]; ours, the robot's own.
+        misjudged: how far off the tool is seen, always the same way [m, rad]; ours, none.
         hand_start: where the hand rests at first, in S [m]; ours.
     """
 
@@ -86,11 +89,14 @@ class HumanParameters:
     dwell: float = 0.3
     press: float = 0.12
     retrigger: float = 1.0
+    grasp_tolerance: tuple[float, float] = (0.006, radians(4.0))
+    standoff: float = 0.1
+    misjudged: tuple[float, float] = (0.0, 0.0)
     hand_start: tuple[float, float, float] = (0.35, -0.15, 1.05)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if name == "hand_start":
+            if isinstance(value, tuple):
                 continue
             valid = "finite, above 0" if name in _ABOVE_ZERO else "finite, 0 or above"
             if not 0.0 <= value < np.inf or (value == 0.0 and name in _ABOVE_ZERO):
@@ -100,6 +106,14 @@ class HumanParameters:
             raise InvalidValue("tremor_frequency", self.tremor_frequency, valid)
         if self.press * self.sample_rate < 1.0:
             raise InvalidValue("press", self.press, "one sample period or longer")
+        for name, least in (("grasp_tolerance", "above 0"), ("misjudged", "0 or above")):
+            value = getattr(self, name)
+            if (
+                len(value) != 2
+                or not all(0.0 <= x < np.inf for x in value)
+                or (least == "above 0" and 0.0 in value)
+            ):
+                raise InvalidValue(name, value, f"two finite numbers [m, rad], {least}")
         if len(self.hand_start) != 3 or not np.all(np.isfinite(self.hand_start)):
             raise InvalidValue("hand_start", self.hand_start, "three finite numbers [m]")
 
