@@ -1,6 +1,8 @@
-"""Poses, rotations, pose metrics and meshes. Depends on numpy alone."""
+"""Poses, rotations, pose metrics, meshes, point clouds and cameras. Depends on numpy alone."""
 
+from optsc.geometry.camera import DepthImage, PinholeCamera, look_at
+from optsc.geometry.cloud import PointCloud
 from optsc.geometry.mesh import TriangleMesh
 from optsc.geometry.pose import Pose
 
-__all__ = ["Pose", "TriangleMesh"]
+__all__ = ["DepthImage", "PinholeCamera", "PointCloud", "Pose", "TriangleMesh", "look_at"]
