@@ -9,7 +9,7 @@ import platform
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("optsc", "numpy", "pin", "casadi", "daqp", "ruckig", "qpsolvers", "pin-pink", "mink", "mujoco")
+PACKAGES = ("optsc", "numpy", "pin", "casadi", "daqp", "ruckig", "qpsolvers", "pin-pink", "mink", "mujoco", "pytracik")
 
 
 def processor() -> str:

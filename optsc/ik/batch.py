@@ -1,247 +1,292 @@
 """Global inverse kinematics for many poses at once.
 
-Every pose is first tried from its seed, so that the branch found is the one that the arm would be driven to.
+Every pose is first tried from its seeds, so that the branch found is the one that the arm would be driven to.
 What is left starts again from postures that already hold the tool near the pose: the nearest of a table of
 random postures. Each round takes all poses that are left through one compiled loop
-(`optsc.robot.kernels.search`).
+(`optsc.robot.kernels.search`). Poses that are still left are tried without limits, which tells why they have no
+posture.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optsc.errors import InvalidValue
+from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
-from optsc.robot.kernels.inverse import STARTS, search
-from optsc.robot.kernels.kernel import BatchKernel, build_batch_kernel
-from optsc.robot.kernels.kinematics import axis_of, forward_kinematics
-from optsc.robot.kernels.reach import Reach, reach
-from optsc.robot.limits import JointLimits
+from optsc.ik.attempts import Batch, Solver, solver_of
+from optsc.ik.choice import (
+    BLOCK,
+    CHOICES,
+    Clear,
+    Measure,
+    MostManipulable,
+    Nearest,
+    Objective,
+    choose,
+    collect,
+    only_clear,
+    refine,
+)
+from optsc.ik.starts import TABLE
+from optsc.robot.kernels.inverse import STARTS
 from optsc.robot.model import RobotModel
 
 RESTARTS = 32
-"""Attempts after the first: about one in 50 000 reachable poses needs more, and every impossible one pays for all."""
-LOOP = 64
-"""Poses in one compiled loop."""
-TABLE = 512
-"""Postures in a table of starts."""
-FIRST_TABLE_SEED = (2307, 16523)
-"""Unlike any single number, so that the tables that a caller's generator draws do not repeat the first one."""
-BLOCK = 1024
-"""Poses that are compared with a table at once; bounds the memory."""
-TURN_LENGTH = 0.4
-"""In choosing starts, a turn of the tool by one radian weighs as much as this distance [m] of it."""
-JOINT_LENGTH = 0.1
-"""In choosing starts, a joint one radian off the seed weighs as much as this distance [m] of the tool."""
+"""Attempts after the seeds': about one in 50 000 reachable poses needs more, and every impossible one pays for all."""
+FIRST_STARTS = 3 * STARTS
+"""Starts from the fixed first table, before others are drawn."""
+FEW_STARTS = 2 * STARTS
+"""Starts for a single pose, before it is left to what poses in numbers get."""
+SAMPLES = 16
+"""Starts that a choice among postures is made from, besides the posture at hand."""
 TOLERANCE = 1e-5
 """Greatest component of the pose error of a solution [m and rad], as in the protocol of TRAC-IK."""
-LIMIT_PROBES = 4
-"""Attempts without limits, which tell poses behind the limits from poses that were not found."""
+LIMIT_PROBES = 16
+"""Attempts without limits, which tell poses behind the limits from poses out of reach. They are other starts than those
+tried before, because where limits play no part the same ones would fail alike."""
 
-_REASON = "<U12"
+
+class IkStatus(IntEnum):
+    """What became of a pose; `IkSolutions.reason` says it in words."""
+
+    SOLVED = 0
+    OUT_OF_REACH = 1
+    """Further away than the arm is long, or no posture was found even with the limits lifted."""
+    JOINT_LIMITS = 2
+    """With the limits lifted a posture was found, within them none."""
+    COLLISION = 3
+    """There are postures, and the given check refused all that were found."""
+    NOT_FOUND = 4
+    """The seeds do not lead there, and without restarts nothing else was tried."""
+
+
+REASONS = ("", "out of reach", "joint limits", "collision", "not found")
+"""The words of each `IkStatus`."""
+_WORDS = np.array(REASONS)
+_WORDS.flags.writeable = False
 
 
 class IkSolutions(NamedTuple):
-    """Postures for N poses.
+    """Postures for N poses. Arrays may be shared between calls, and are then read-only.
 
     Attributes:
-        q: (N, n), inside the limits; where there was no success, the posture of least residual that was met.
-        success: (N,) bool: the residual is within tolerance.
-        residual: (N,) largest component of the pose error (p* - p, log(R* Rᵀ)) at q [m and rad].
-        reason: (N,) text: empty on success; "out of reach": further away than the arm is long; "joint
-            limits": only postures outside the limits were found; "not found": none at all.
+        q: (N, n), inside the limits; where there was no success, the posture of least residual that was met,
+            or one that touches something.
+        success: (N,) bool: the pose is met within tolerance, and the posture clear where that was asked for.
+        residual: (N,) largest component of the pose error (p* - p, log(R* Rᵀ)) at q [m and rad]; with six
+            tolerances, by how much a component of `deviation` exceeds its own: 0 on success.
+        reason: (N,) text: empty on success, else one of `REASONS`.
+        status: (N,) the same as numbers, see `IkStatus`.
+        found: (N,) how many different postures were compared: 0 or 1 unless a choice had to be made.
     """
 
     q: Array
     success: NDArray[np.bool_]
     residual: Array
     reason: NDArray[np.str_]
+    status: NDArray[np.int8]
+    found: NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
-class _Table:
-    """Postures to start from, and what tells how near they are to a pose and a seed."""
+def deviation(X_WG: Pose, X_WT: Pose) -> Array:
+    """Return how tools X_WT deviate from targets X_WG (..., 6): position, tilt about x and y, roll about z.
 
-    q: Array  # (M, n)
-    features: Array  # (M, 19 + n)
-    half_square: Array  # (M,)
-
-    def nearest(self, features: Array) -> NDArray[np.intp]:
-        """Return the indices (N, STARTS) of the nearest postures, nearest first."""
-        blocks = [self._nearest(features[i : i + BLOCK]) for i in range(0, max(1, len(features)), BLOCK)]
-        return np.concatenate(blocks)
-
-    def _nearest(self, features: Array) -> NDArray[np.intp]:
-        distance = self.half_square - features @ self.features.T
-        row = np.arange(len(features))[:, None]
-        first = np.argpartition(distance, STARTS, axis=1)[:, :STARTS]
-        return first[row, np.argsort(distance[row, first], axis=1, kind="stable")]
-
-
-def _features(quaternion: Array, p: Array, q: Array) -> Array:
-    """Return vectors (N, 19 + n) [m] whose distance is small where tools and postures are near.
-
-    Rotations enter as c cᵀ of their quaternions c, which has no sign; two are √2 sin(angle / 2) apart.
+    In the target's axes [m and rad], as the six tolerances of `solve_ik` bound it. The tilt is the rotation
+    vector that takes the target's z axis to the tool's, the roll is the turn about z that is left. With
+    D = R_WGᵀ R_WT: tilt = acos(D₂₂) (-D₁₂, D₀₂) / √(D₀₂² + D₁₂²), roll = atan2(D₁₀ - D₀₁, D₀₀ + D₁₁).
     """
-    c = quaternion * np.sqrt(np.sqrt(2.0) * TURN_LENGTH)
-    square = (c[:, :, None] * c[:, None, :]).reshape(-1, 16)
-    return np.concatenate([square, p, np.broadcast_to(q * JOINT_LENGTH, (len(p), q.shape[1]))], axis=1)
+    X_GT = X_WG.inverse() @ X_WT
+    D = rotation.to_matrix(X_GT.quaternion)
+    sine = np.hypot(D[..., 0, 2], D[..., 1, 2])
+    angle = np.arctan2(sine, D[..., 2, 2])
+    f = angle / np.where(sine > 0.0, sine, 1.0)
+    tilt_x = np.where((sine == 0.0) & (angle > 0.0), np.pi, -f * D[..., 1, 2])
+    roll = np.arctan2(D[..., 1, 0] - D[..., 0, 1], D[..., 0, 0] + D[..., 1, 1])
+    turn = np.stack([tilt_x, f * D[..., 0, 2], roll], axis=-1)
+    return np.concatenate([X_GT.translation, turn], axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
-class _Solver:
-    """What is built once for an arm."""
-
-    n: int
-    search: BatchKernel
-    forward: BatchKernel
-    reach: Reach
-    limits: JointLimits
-    bounds: Array  # (2 n,) lower and upper limits, without those of joints that can make a full turn in them
-    shared: tuple[Array, Array]  # bounds and limits as `search` takes them
-    endless: tuple[Array, Array]  # the same where no joint has any
-
-    def table(self, rng: np.random.Generator) -> _Table:
-        """Draw a table of starts."""
-        q = self.limits.clip(rng.uniform(*self.limits.sampling, size=(TABLE, self.n)))
-        R, p = self.forward(q)
-        quaternion = rotation.from_matrix(np.swapaxes(R.reshape(-1, 3, 3), 1, 2))
-        features = _features(quaternion, p, self.folded(q))
-        return _Table(q, features, 0.5 * np.einsum("ij,ij->i", features, features))
-
-    @cached_property
-    def first_table(self) -> _Table:
-        """The table that every call begins with, so that drawing it costs nothing."""
-        return self.table(np.random.default_rng(FIRST_TABLE_SEED))
-
-    def folded(self, q: Array) -> Array:
-        """Return the postures with turning joints in [-π, π), so that equal postures have equal numbers."""
-        turns = np.isinf(self.bounds[: self.n])
-        return np.where(turns, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
+def _restart(batch: Batch, restarts: int, rng: np.random.Generator | None) -> NDArray[np.int8]:
+    """Solve by other starts what the seeds left; return the statuses (N,)."""
+    solver = batch.solver
+    status = np.full(len(batch.best), IkStatus.NOT_FOUND, dtype=np.int8)
+    if not batch.by_component:  # with room in orientation the last joint may be elsewhere
+        excluded = solver.reach.excludes(batch.targets[:, :4], batch.targets[:, 4:7])
+        status[excluded] = IkStatus.OUT_OF_REACH
+    left, table, wanted = np.flatnonzero(status == IkStatus.NOT_FOUND), solver.first_table, batch.wanted()
+    for tried in range(0, restarts, STARTS):
+        skip = tried
+        if tried >= FIRST_STARTS and len(left):
+            rng = np.random.default_rng(0) if rng is None else rng
+            table, skip = solver.table(rng), 0
+        near = table.nearest(wanted[left], skip + STARTS)[:, skip : skip + restarts - tried]
+        left = _unsolved(batch, left, table.q[near])
+        if not tried:
+            status[left] = _without_limits(batch, left, wanted[left])
+            # What has no posture even without limits has none to look for.
+            left = left[status[left] == IkStatus.JOINT_LIMITS]
+        if not len(left):
+            break
+    status[batch.success] = IkStatus.SOLVED
+    return status
 
 
-@lru_cache(maxsize=16)
-def _solver(robot: RobotModel) -> _Solver:
-    lower, upper = robot.limits.lower, robot.limits.upper
-    slides = np.array([axis_of(robot, i)[1] for i in range(robot.n)])
-    turns = (upper - lower >= 2.0 * np.pi) & ~slides
-    bounds = np.concatenate([np.where(turns, -np.inf, lower), np.where(turns, np.inf, upper)])
-    return _Solver(
-        n=robot.n,
-        search=build_batch_kernel(search(robot), LOOP, shared=2),
-        forward=build_batch_kernel(forward_kinematics(robot), LOOP),
-        reach=reach(robot),
-        limits=robot.limits,
-        bounds=bounds,
-        shared=(bounds, np.concatenate([lower, upper])),
-        endless=(np.repeat([-np.inf, np.inf], robot.n),) * 2,
-    )
+def _unsolved(batch: Batch, index: NDArray[np.intp], starts: Array) -> NDArray[np.intp]:
+    """Try the starts (R, S, n) for the poses ``index`` (R,); return those that are still not solved."""
+    part = batch.of(index)
+    part.attempt(starts)
+    batch.best[index] = part.best
+    return index[~part.success]
 
 
-class _Batch:
-    """The poses of one call, and the best posture that was found for each so far."""
-
-    def __init__(self, solver: _Solver, targets: Array, seeds: Array) -> None:
-        self.solver, self.targets, self.seeds = solver, targets, seeds
-        self.best = np.zeros((len(targets), solver.n + 3))
-        self.best[:, solver.n] = np.inf
-
-    @property
-    def q(self) -> Array:
-        """The postures (N, n)."""
-        return self.best[:, : self.solver.n]
-
-    @property
-    def residual(self) -> Array:
-        """The residuals (N,) of the postures."""
-        return self.best[:, self.solver.n]
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """Which residuals (N,) are within tolerance."""
-        return self.best[:, self.solver.n + 1] > 0.0
-
-    def of(self, index: NDArray[np.intp]) -> _Batch:
-        """Return some of the poses, with what was found."""
-        part = _Batch(self.solver, self.targets[index], self.seeds[index])
-        part.best = self.best[index]
-        return part
-
-    def attempt(self, starts: Array, shared: tuple[Array, Array]) -> None:
-        """Try the starts (N, S, n) one after another, for the poses without success; S is up to `STARTS`."""
-        count, each, n = starts.shape
-        rows = np.zeros((count, STARTS * n))
-        rows[:, : each * n] = starts.reshape(count, each * n)
-        times = np.full((count, 1), float(each))
-        (self.best,) = self.solver.search(self.best, self.targets, self.seeds, rows, times, shared=shared)
-
-    def restart(self, restarts: int, rng: np.random.Generator | None) -> NDArray[np.str_]:
-        """Solve by other starts what the seeds left; return the reasons (N,) of failure."""
-        solver, table = self.solver, self.solver.first_table
-        quaternion, p = self.targets[:, :4], self.targets[:, 4:7]
-        features = _features(quaternion, p, solver.folded(self.seeds))
-        reason = np.where(solver.reach.excludes(quaternion, p), "out of reach", "not found")
-        left = np.flatnonzero(reason == "not found")
-        for tried in range(0, restarts, STARTS):
-            if not len(left):
-                break
-            if tried:
-                rng = np.random.default_rng(0) if rng is None else rng
-                table = solver.table(rng)
-            part = self.of(left)
-            starts = table.q[table.nearest(features[left])[:, : restarts - tried]]
-            part.attempt(starts, solver.shared)
-            self.best[left] = part.best
-            left = left[~part.success]
-        if restarts and len(left):
-            reason[self._behind_limits(left, features[left])] = "joint limits"
-        reason[self.success] = ""
-        return reason
-
-    def _behind_limits(self, index: NDArray[np.intp], features: Array) -> NDArray[np.intp]:
-        """Return those of the poses ``index`` that are solved only when the limits are ignored."""
-        solver = self.solver
-        free = _Batch(solver, self.targets[index], self.seeds[index])
-        table = solver.first_table
-        free.attempt(table.q[table.nearest(features)[:, :LIMIT_PROBES]], solver.endless)
-        found = index[free.success]
-        # From a posture outside the way may still lead inside; then the pose is solved after all.
-        inside = np.clip(free.q[free.success], solver.bounds[: solver.n], solver.bounds[solver.n :])
-        part = self.of(found)
-        part.attempt(inside[:, None], solver.shared)
-        self.best[found] = part.best
-        return found[~part.success]
+def _without_limits(batch: Batch, index: NDArray[np.intp], wanted: Array) -> NDArray[np.int8]:
+    """Return why the poses ``index`` have no posture yet: whether they have one when limits are ignored."""
+    solver = batch.solver
+    free = batch.fresh(index)
+    table = solver.first_table
+    near = table.nearest(wanted, STARTS + LIMIT_PROBES)[:, STARTS:]
+    free.attempt(table.q[near], solver.endless)
+    behind = free.success
+    # From a posture outside the way may still lead inside; then the pose is solved after all.
+    inside = np.clip(free.q[behind], solver.bounds[: solver.n], solver.bounds[solver.n :])
+    _unsolved(batch, index[behind], inside[:, None])
+    return np.where(behind, IkStatus.JOINT_LIMITS, IkStatus.OUT_OF_REACH).astype(np.int8)
 
 
-def _checked_targets(X_WT: Pose, tolerance: float) -> Array:
-    """Return rows (N, 8) as the attempts take them."""
-    if not 0.0 < tolerance < np.inf:
-        raise InvalidValue("tolerance", tolerance, "positive and finite [m and rad]")
-    targets = np.empty((math.prod(X_WT.shape), 8))
+def _choose(
+    batch: Batch, index: NDArray[np.intp], samples: int, objective: Objective | None, clear: Clear | None
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Replace the postures of the poses ``index`` by chosen ones; return which (R,) have one, and of how many."""
+    part = batch.of(index)
+    postures = collect(part, samples)
+    found = postures.found
+    if clear is not None:
+        only_clear(postures, clear)
+    q, usable = choose(part, postures, objective)
+    rows = np.flatnonzero(usable)
+    if objective is not None and (batch.by_component or batch.solver.n > 6) and len(rows):
+        q[rows] = refine(part.of(rows), q[rows], objective, clear)
+    # The residual is that of the posture which is returned: a start that is a solution already stays.
+    again = part.fresh(rows)
+    again.attempt(q[rows, None])
+    batch.best[index[rows]] = again.best
+    return usable, found
+
+
+def _checked_tolerance(tolerance: ArrayLike) -> Array:
+    values = np.asarray(tolerance, dtype=float)
+    if values.shape not in ((), (6,)):
+        raise InvalidValue("shape of tolerance", values.shape, "one number, or (6,) in the tool's axes")
+    finite = np.isfinite(values)
+    valid = np.all(values > 0.0) and (np.all(finite) if values.ndim == 0 else np.any(finite))
+    if not valid:
+        words = "positive and finite [m and rad]; of six, all but one may be infinite, which leaves them free"
+        raise InvalidValue("tolerance", values.tolist(), words)
+    return values.reshape(-1)
+
+
+def _checked_targets(X_WT: Pose, tolerance: ArrayLike) -> Array:
+    """Return rows (N, 8) or (N, 13) as the attempts take them."""
+    bounds = _checked_tolerance(tolerance)
+    targets = np.empty((math.prod(X_WT.shape), 7 + len(bounds)))
     targets[:, :4] = X_WT.quaternion.reshape(-1, 4)
     targets[:, 4:7] = X_WT.translation.reshape(-1, 3)
-    targets[:, 7] = tolerance
-    if not np.isfinite(targets).all():
+    targets[:, 7:] = bounds
+    if not np.isfinite(targets[:, :7]).all():
         raise InvalidValue("X_WT", X_WT.matrix().tolist(), "finite")
     return targets
 
 
 def _checked_seeds(robot: RobotModel, seeds: ArrayLike | None, shape: tuple[int, ...]) -> Array:
-    """Return one seed (N, n) for each pose, inside the limits."""
-    q, n = robot.home, len(robot.home)
+    """Return K seeds (N, K, n) for each pose, inside the limits."""
+    q, n, count = robot.home, robot.n, math.prod(shape)
     if seeds is not None:
-        q = robot.checked(seeds, "seeds")
-        if q.ndim != 1 and q.shape[:-1] != shape:
-            raise InvalidValue("shape of seeds", q.shape, f"({n},) or {(*shape, n)}")
-        q = robot.limits.clip(q)
-    return q.reshape(-1, n) if q.ndim > 1 else np.repeat(q[None], math.prod(shape), axis=0)
+        q = robot.limits.clip(robot.checked(seeds, "seeds"))
+    if q.ndim == 1:
+        return np.broadcast_to(q, (count, 1, n))
+    if q.shape[:-1] == shape:
+        return q.reshape(count, 1, n)
+    if q.ndim == len(shape) + 2 and q.shape[: len(shape)] == shape and q.shape[-2]:
+        return q.reshape(count, -1, n)
+    raise InvalidValue(
+        "shape of seeds", q.shape, f"({n},), {(*shape, n)} or ({', '.join(map(str, shape))}, K, {n})"
+    )
+
+
+@lru_cache(maxsize=8)
+def _of_one(
+    shape: tuple[int, ...],
+) -> tuple[NDArray[np.bool_], NDArray[np.str_], NDArray[np.int8], NDArray[np.int64]]:
+    """Return what success looks like besides posture and residual, read-only, as every call shares it."""
+    success, reason = np.ones(shape, dtype=bool), np.full(shape, "", dtype=_WORDS.dtype)
+    status, found = np.zeros(shape, dtype=np.int8), np.ones(shape, dtype=np.int64)
+    for array in (success, reason, status, found):
+        array.flags.writeable = False
+    return success, reason, status, found
+
+
+def _solve_one(
+    solver: Solver, X_WT: Pose, seeds: ArrayLike | None, tolerance: float, restarts: int
+) -> IkSolutions | None:
+    """Solve a single pose in the compiled search's own memory; None when that takes many starts.
+
+    It gives what a batch of one would, which also raises the errors: all that is not plain ends here with None.
+    """
+    n, shape = solver.n, X_WT.shape
+    q = solver.robot.home if seeds is None else np.asarray(seeds, dtype=float)
+    if q.shape != (n,) or not 0.0 < tolerance < math.inf or not math.isfinite(sum(q.tolist())):
+        return None
+    with solver.lock:
+        found = _search_one(solver, X_WT, q, tolerance, restarts)
+    if found is None:
+        return None
+    success, reason, status, one = _of_one(shape)
+    return IkSolutions(found[:n].reshape(*shape, n), success, found[n].reshape(shape), reason, status, one)
+
+
+def _search_one(solver: Solver, X_WT: Pose, q: Array, tolerance: float, restarts: int) -> Array | None:
+    """Return posture and residual (n + 3,), or None for a pose that is not solved so."""
+    n, kernel = solver.n, solver.search_one
+    best, target, seed, starts, count = kernel.inputs[:5]
+    (out,) = kernel.outputs
+    target[:4], target[4:7], target[7] = X_WT.quaternion, X_WT.translation, tolerance
+    if not math.isfinite(sum(target.tolist())):
+        return None
+    np.maximum(q, solver.limits.lower, out=seed)
+    np.minimum(seed, solver.limits.upper, out=seed)
+    best[:] = solver.nothing
+    starts[:, 0], count[0] = seed, 1.0
+    kernel.run()
+    near: Array | None = None
+    for tried in range(0, min(restarts, FEW_STARTS), STARTS):
+        if out[n + 1]:
+            break
+        if near is None:
+            folded = solver.folded(seed)
+            near = solver.first_table.nearest_to_one(target[:4], target[4:7], folded, FEW_STARTS)
+        tries = min(STARTS, restarts - tried)
+        best[:], starts[:, :tries], count[0] = out, near[tried : tried + tries].T, tries
+        kernel.run()
+    return out.copy() if out[n + 1] else None
+
+
+def _objective(robot: RobotModel, choice: str, measure: Measure | None) -> Objective | None:
+    if choice not in CHOICES:
+        raise UnknownName("choice", choice, CHOICES)
+    if choice == "manipulability":
+        if measure is None:
+            from optsc.robot.manipulability import Manipulability
+
+            measure = Manipulability()
+        return MostManipulable(robot, measure)
+    return Nearest() if choice == "nearest" else None
 
 
 def solve_ik(
@@ -251,7 +296,11 @@ def solve_ik(
     rng: np.random.Generator | None = None,
     seeds: ArrayLike | None = None,
     restarts: int = RESTARTS,
-    tolerance: float = TOLERANCE,
+    tolerance: ArrayLike = TOLERANCE,
+    choice: str = "first",
+    samples: int = SAMPLES,
+    measure: Measure | None = None,
+    clear: Clear | None = None,
 ) -> IkSolutions:
     """Return a posture inside the limits for each pose of the tool.
 
@@ -262,29 +311,71 @@ def solve_ik(
         X_WT: the poses, of any batch shape (N,); the results have the same.
         rng: draws further starts for the few poses that the fixed first table of starts does not solve; None
             stands for a generator of fixed seed.
-        seeds: posture(s) (n,) or (N, n) to start from, by default the robot's home; moved into the limits. A
-            joint that can make full turns ends within half a turn of its seed, as far as limits permit.
+        seeds: posture(s) to start from, by default the robot's home; moved into the limits: (n,) for all poses,
+            (N, n) for each its own, or (N, K, n) for K of each, tried one after another. A joint that can make
+            full turns ends within half a turn of its first seed, as far as limits permit.
         restarts: greatest number of attempts from other starts, for poses that their seeds do not solve.
-        tolerance: greatest component of the pose error that counts as success [m and rad].
+        tolerance: greatest component of the pose error that counts as success [m and rad]; or six numbers
+            that bound the components of `deviation`, in the tool's axes: position x, y, z, tilt about x and y,
+            roll about z. Infinite ones are free.
+        choice: "first": the first posture that is found; "nearest": the one nearest to the (first) seed;
+            "manipulability": the one of greatest ``measure``. The latter two compare several postures and
+            use what freedom the pose leaves.
+        samples: starts from which postures are collected, where there is a choice or ``clear`` refuses one.
+        measure: what "manipulability" is, by default `optsc.robot.manipulability.Manipulability()`.
+        clear: collision check of postures (R, n) that returns which (R,) touch nothing; a solution has to pass.
 
     Raises:
-        InvalidValue: a pose or seed is not finite, or a shape, the tolerance or ``restarts`` is impossible.
+        InvalidValue: a pose or seed is not finite, or a shape, a tolerance, ``restarts`` or ``samples`` is
+            impossible.
+        UnknownName: there is no such choice.
     """
     if restarts < 0:
         raise InvalidValue("restarts", restarts, "zero or more")
-    shape, targets = X_WT.shape, _checked_targets(X_WT, tolerance)
-    solver = _solver(robot)
-    batch = _Batch(solver, targets, _checked_seeds(robot, seeds, shape))
-    batch.attempt(batch.seeds[:, None], solver.shared)
-    reason = np.zeros(len(targets), dtype=_REASON)
-    if not batch.success.all():
-        unsolved = np.flatnonzero(~batch.success)
+    solver, shape = solver_of(robot), X_WT.shape
+    if choice == "first" and clear is None and isinstance(tolerance, float) and math.prod(shape) == 1:
+        solution = _solve_one(solver, X_WT, seeds, tolerance, restarts)
+        if solution is not None:
+            return solution
+    if not 1 <= samples < TABLE:
+        raise InvalidValue("samples", samples, f"1 to {TABLE - 1}")
+    objective = _objective(robot, choice, measure)
+    starts = _checked_seeds(robot, seeds, shape)
+    batch = Batch(solver, _checked_targets(X_WT, tolerance), starts[:, 0])
+    batch.attempt(starts)
+    status = np.zeros(len(starts), dtype=np.int8)
+    unsolved = np.flatnonzero(~batch.success)
+    if len(unsolved):
         part = batch.of(unsolved)
-        reason[unsolved] = part.restart(restarts, rng)
+        status[unsolved] = _restart(part, restarts, rng)
         batch.best[unsolved] = part.best
+    found = batch.success.astype(np.int64)
+    _apply_choice(batch, status, found, samples, objective, clear)
     return IkSolutions(
         q=batch.q.copy().reshape(*shape, solver.n),
-        success=batch.success.reshape(shape),
+        success=(status == IkStatus.SOLVED).reshape(shape),
         residual=batch.residual.reshape(shape),
-        reason=reason.reshape(shape),
+        reason=_WORDS[status].reshape(shape),
+        status=status.reshape(shape),
+        found=found.reshape(shape),
     )
+
+
+def _apply_choice(
+    batch: Batch,
+    status: NDArray[np.int8],
+    found: NDArray[np.int64],
+    samples: int,
+    objective: Objective | None,
+    clear: Clear | None,
+) -> None:
+    """Make the choice for the poses that are solved; fills in statuses and numbers of postures (N,)."""
+    index = np.flatnonzero(status == IkStatus.SOLVED)
+    if objective is None:
+        if clear is None or not len(index):
+            return
+        index = index[~np.asarray(clear(batch.q[index]), dtype=bool)]
+    for start in range(0, len(index), BLOCK):
+        rows = index[start : start + BLOCK]
+        usable, found[rows] = _choose(batch, rows, samples, objective, clear)
+        status[rows[~usable]] = IkStatus.COLLISION

@@ -8,6 +8,10 @@ Jacobian J without the columns of joints that stand at a limit and are pushed ou
 which is the damping of T. Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt
 method", IEEE T-RO 27(5), 2011: it fades with the error, so that convergence is quadratic, and needs no
 acceptance test. The step is shortened to `LONGEST_STEP` and projected onto the limits.
+
+With a tolerance for every component, e is what the deviation of the tool from its target (see
+`tool_deviation`) has beyond `AIM` times its tolerance, and components within that have no row in J: what is
+free takes no part, and what has room is moved no further than it must.
 """
 
 from __future__ import annotations
@@ -32,6 +36,9 @@ iterations: a new start is worth more than patience."""
 ITERATIONS = 40
 """Greatest number of iterations of an attempt; a multiple of _BLOCK."""
 _BLOCK = 10
+
+AIM = 0.5
+"""Share of its tolerance that a component is led into, so that small steps do not end just outside."""
 
 STARTS = 8
 """Starts that one call of `search` tries one after another."""
@@ -111,16 +118,87 @@ def _damped_step(J: casadi.SX, error: casadi.SX, inverse_weights: casadi.SX, dam
     return J.T @ x if n >= rows else x
 
 
-def _iteration(robot: RobotModel) -> casadi.Function:
+def tool_deviation(
+    R_WT: casadi.SX, p_WT: casadi.SX, R_goal: casadi.SX, p_goal: casadi.SX
+) -> tuple[casadi.SX, casadi.SX]:
+    """Return the deviation (6,) of a tool from its target, and what turns angular velocity into its rates.
+
+    In the target's axes: position [m], tilt about x and y, roll about z [rad]. The tilt is the rotation vector,
+    in the x y plane, that takes the target's z axis to the tool's; what is left is the roll:
+
+        D = R*ᵀ R,    tilt = acos(D₂₂) (-D₁₂, D₀₂) / √(D₀₂² + D₁₂²),    roll = atan2(D₁₀ - D₀₁, D₀₀ + D₁₁)
+
+    Unlike the rotation vector of D, this says the same of the tilt whatever the roll is. The matrix (3, 3) maps
+    angular velocity in the target's axes to the rates of tilt and roll. Where the z axes are opposite, the tilt
+    is half a turn about x and the roll arbitrary.
+    """
+    D = R_goal.T @ R_WT
+    x, y, z = D[0, 2], D[1, 2], D[2, 2]
+    square = x * x + y * y
+    sine = casadi.sqrt(square)
+    angle = casadi.atan2(sine, z)
+    aligned = casadi.logic_and(z > 0, square < 1e-8)
+    # f = angle / sine as a function of the cosine z has the derivative (z f - 1) / (1 - z²), at z = 1 -1/3.
+    f = casadi.if_else(aligned, 1 + square / 6, angle / (sine + 1e-200))
+    slope = casadi.if_else(square < 1e-8, -1 / 3, (z * f - 1) / (square + 1e-200))
+    half_turn = casadi.logic_and(z < 0, sine < 1e-8)
+    f = casadi.if_else(half_turn, 0, f)
+    tilt_x = casadi.if_else(half_turn, np.pi, -f * y)
+    N, M = D[1, 0] - D[0, 1], D[0, 0] + D[1, 1]
+    scale = M * M + N * N + 1e-200
+    rates = casadi.blockcat(
+        [
+            [f * z - slope * y * y, slope * x * y, -f * x],
+            [slope * x * y, f * z - slope * x * x, -f * y],
+            [(N * D[2, 1] - M * D[2, 0]) / scale, -(M * D[2, 1] + N * D[2, 0]) / scale, 1],
+        ]
+    )
+    deviation = casadi.vertcat(R_goal.T @ (p_WT - p_goal), tilt_x, f * x, casadi.atan2(N, M))
+    return deviation, rates
+
+
+@dataclass
+class _Miss:
+    """How far a posture is from its target."""
+
+    error: casadi.SX  # what a step is to take away (6,)
+    J: casadi.SX  # how much of it joint velocities take away (6, n)
+    residual: casadi.SX  # what solutions are compared by [m or rad]
+    solved: casadi.SX
+
+
+def _miss(robot: RobotModel, q: casadi.SX, target: casadi.SX) -> _Miss:
+    """One tolerance for all: target is quaternion, position, tolerance; all in W's axes."""
+    R, p, J = chain(robot, q)
+    error = casadi.vertcat(target[4:7] - p, rotation_vector(rotation_matrix(target[:4]) @ R.T))
+    residual = casadi.norm_inf(error)
+    return _Miss(error, J, residual, residual <= target[7])
+
+
+def _miss_by_component(robot: RobotModel, q: casadi.SX, target: casadi.SX) -> _Miss:
+    """Six tolerances: target is quaternion, position, tolerances; all in the target's axes."""
+    R, p, J = chain(robot, q)
+    R_goal, tolerances = rotation_matrix(target[:4]), target[7:13]
+    deviation, rates = tool_deviation(R, p, R_goal, target[4:7])
+    band = AIM * tolerances
+    error = casadi.fmin(casadi.fmax(deviation, -band), band) - deviation
+    wanted = casadi.if_else(casadi.fabs(deviation) > band, 1, 0)
+    J = casadi.vertcat(R_goal.T @ J[:3, :], rates @ (R_goal.T @ J[3:, :]))
+    J = casadi.vertcat(*(J[i, :] * wanted[i] for i in range(6)))
+    excess = casadi.mmax(casadi.fabs(deviation) - tolerances)
+    return _Miss(error, J, casadi.fmax(excess, 0), excess <= 0)
+
+
+def _iteration(robot: RobotModel, by_component: bool) -> casadi.Function:
     """Return the function (state, target, bounds) -> state of one Levenberg-Marquardt step."""
     n = robot.n
     rows = casadi.SX.sym("state", n + 5)
-    target = casadi.SX.sym("target", 8)
+    target = casadi.SX.sym("target", target_size(by_component))
     bounds = casadi.SX.sym("bounds", 2 * n)
     lower, upper = bounds[:n], bounds[n:]
     state = _State.unpack(rows)
-    R, p, J = chain(robot, state.q)
-    error = casadi.vertcat(target[4:7] - p, rotation_vector(rotation_matrix(target[:4]) @ R.T))
+    miss = (_miss_by_component if by_component else _miss)(robot, state.q, target)
+    error, J, residual = miss.error, miss.J, miss.residual
     inverse_weights = casadi.SX([1.0] * 3 + [LENGTH**-2] * 3)
     weighted = error / inverse_weights
     cost = casadi.dot(error, weighted)
@@ -129,10 +207,9 @@ def _iteration(robot: RobotModel) -> casadi.Function:
     step = _damped_step(J, error, inverse_weights, DAMPING * cost + FLOOR)
     step = step * casadi.fmin(1, LONGEST_STEP / (casadi.norm_inf(step) + 1e-200))
     fell = cost < FALL * state.least
-    residual = casadi.norm_inf(error)
     stalled = casadi.if_else(fell, 0, state.stalled + 1)
     hopeless = casadi.logic_or(stalled > PATIENCE, state.iterations >= ITERATIONS - 1)
-    status = casadi.if_else(residual <= target[7], _SOLVED, casadi.if_else(hopeless, _GIVEN_UP, _RUNNING))
+    status = casadi.if_else(miss.solved, _SOLVED, casadi.if_else(hopeless, _GIVEN_UP, _RUNNING))
     moved = casadi.fmin(casadi.fmax(state.q + step, lower), upper)
     after = _State(
         # The residual belongs to the posture that is returned, so the last iteration does not move.
@@ -169,7 +246,12 @@ def _unwound(q: casadi.SX, seed: casadi.SX, lower: casadi.SX, upper: casadi.SX) 
     return q - turn * casadi.fmax(casadi.fmin(wanted, most), least)
 
 
-def _attempt(robot: RobotModel) -> casadi.Function:
+def target_size(by_component: bool) -> int:
+    """Return how many numbers describe a target: quaternion, position, and one tolerance or six."""
+    return 13 if by_component else 8
+
+
+def _attempt(robot: RobotModel, by_component: bool) -> casadi.Function:
     """Return the function (best, target, seed, start, bounds, limits) -> best of one attempt, see `search`."""
     n = robot.n
     best, q = casadi.SX.sym("best", n + 3), casadi.SX.sym("q", n)
@@ -185,20 +267,25 @@ def _attempt(robot: RobotModel) -> casadi.Function:
     found = casadi.vertcat(inside, state.residual, state.status == _SOLVED)
     kept = casadi.vertcat(casadi.if_else(better, found, best[: n + 2]), best[n + 2] + state.iterations)
     end = casadi.Function("end", [rows, best, seed, limits], [kept])
-    run = _repeated(_repeated(_iteration(robot), _BLOCK, "block"), ITERATIONS // _BLOCK, "blocks")
-    sizes = {"best": n + 3, "target": 8, "seed": n, "start": n, "bounds": 2 * n, "limits": 2 * n}
+    run = _repeated(
+        _repeated(_iteration(robot, by_component), _BLOCK, "block"), ITERATIONS // _BLOCK, "blocks"
+    )
+    size = target_size(by_component)
+    sizes = {"best": n + 3, "target": size, "seed": n, "start": n, "bounds": 2 * n, "limits": 2 * n}
     inputs = [casadi.MX.sym(name, size) for name, size in sizes.items()]
     mx_best, target, mx_seed, start, bounds, mx_limits = inputs
     ended = run(begin(start), target, bounds)
     return casadi.Function("attempt", inputs, [end(ended, mx_best, mx_seed, mx_limits)])
 
 
-def search(robot: RobotModel) -> casadi.Function:
+def search(robot: RobotModel, by_component: bool = False) -> casadi.Function:
     """Return the function (best, target, seed, starts, count, bounds, limits) -> best of attempts at one pose.
 
     * best (n + 3), in and out: the posture of least residual so far; its residual, the largest component of the
       pose error there [m or rad], infinite at first; whether it is within tolerance; iterations so far.
-    * target (8): unit quaternion w, x, y, z, position [m], tolerance of the residual.
+    * target (8): unit quaternion w, x, y, z, position [m], tolerance of the residual; or, ``by_component``, (13):
+      the last six are tolerances of the components of `tool_deviation`, infinite where one is free. The
+      residual is then what exceeds them, zero on success.
     * seed (n): turning joints end within half a turn of it, as far as the limits permit.
     * starts (n, `STARTS`), count: postures inside the bounds; the first ``count`` are tried until one succeeds.
     * bounds (2 n): lower, then upper positions that the iterations observe. A joint that can make a full turn
@@ -206,12 +293,12 @@ def search(robot: RobotModel) -> casadi.Function:
     * limits (2 n): lower, then upper positions that the result observes, infinite where there are none.
     """
     n = robot.n
-    sizes = {"best": n + 3, "target": 8, "seed": n}
+    sizes = {"best": n + 3, "target": target_size(by_component), "seed": n}
     best, target, seed = (casadi.MX.sym(name, size) for name, size in sizes.items())
     starts, count = casadi.MX.sym("starts", n, STARTS), casadi.MX.sym("count")
     bounds, limits = casadi.MX.sym("bounds", 2 * n), casadi.MX.sym("limits", 2 * n)
     inputs = [best, target, seed, starts, count, bounds, limits]
-    attempt = _attempt(robot)
+    attempt = _attempt(robot, by_component)
     arguments = [casadi.MX.sym(f"x{i}", attempt.sparsity_in(i)) for i in range(attempt.n_in())]
     unchanged = casadi.Function("attempt_unchanged", arguments, [arguments[0]])
     guarded = casadi.Function.if_else("attempt_guarded", attempt, unchanged)
