@@ -18,10 +18,13 @@ from optsc.errors import DamagedFile
 from optsc.followers.protocol import FollowerState
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.grasps import Candidates
 from optsc.operators import OperatorSample
+from optsc.operators.sample import Button
 from optsc.selection import Ranking
+from optsc.selection.reach import ClearRows
 
-FORMAT = 1
+FORMAT = 2
 """Version of the file format; a newer one is refused."""
 
 
@@ -60,6 +63,18 @@ class Tick(NamedTuple):
         return self.step.ranking
 
 
+class SceneUpdate(NamedTuple):
+    """What the controller is told when the scene has changed.
+
+    Attributes:
+        candidates: the grasps of the scene as it is now.
+        clear: which of them the arm can carry out without collision, see `optsc.selection.GraspClearance`.
+    """
+
+    candidates: Candidates
+    clear: ClearRows | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """All ticks of a run, in order, and what determines them.
@@ -68,11 +83,13 @@ class Run:
         rate: control rate [Hz].
         ticks: the ticks.
         about: robot, start posture and whatever else the caller wants to keep; JSON values only.
+        updates: what the controller was told of the scene during the run, by the index of the tick before which it was.
     """
 
     rate: float
     ticks: Sequence[Tick]
     about: Mapping[str, Any] = field(default_factory=dict)
+    updates: Mapping[int, SceneUpdate] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.ticks)
@@ -136,14 +153,20 @@ class Run:
             np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-_SAMPLE_COLUMNS = ("stamp", "x", "y", "z", "qw", "qx", "qy", "qz", "clutch", "trigger")
+_BUTTONS = tuple(Button)
+_POSE_COLUMNS = ("stamp", "x", "y", "z", "qw", "qx", "qy", "qz", "clutch", "trigger")
+_NUDGE = len(_POSE_COLUMNS) + len(_BUTTONS)
+_COLUMNS = _NUDGE + 1 + 6  # whether there is a nudge, and the nudge
 
 
 def _sample_row(sample: OperatorSample | None) -> list[float]:
     if sample is None:
-        return [np.nan] * len(_SAMPLE_COLUMNS)
+        return [np.nan] * _COLUMNS
     X = sample.X_SH
-    return [sample.stamp, *X.translation, *X.quaternion, float(sample.clutch), float(sample.trigger)]
+    pressed = [float(button in sample.buttons) for button in _BUTTONS]
+    nudge = [0.0] * 7 if sample.nudge is None else [1.0, *sample.nudge]
+    flags = (float(sample.clutch), float(sample.trigger))
+    return [sample.stamp, *X.translation, *X.quaternion, *flags, *pressed, *nudge]
 
 
 class RunInputs(NamedTuple):
@@ -181,4 +204,11 @@ def _sample(row: Array) -> OperatorSample | None:
     # A missing sample has no clutch; a bad one may have a stamp or a pose that is not a number.
     if np.isnan(row[8]):
         return None
-    return OperatorSample(float(row[0]), Pose(row[4:8], row[1:4]), bool(row[8]), bool(row[9]))
+    X_SH, clutch, trigger = Pose(row[4:8], row[1:4]), bool(row[8]), bool(row[9])
+    # In the first version of the format a row ends here.
+    buttons = frozenset(
+        button for button, held in zip(_BUTTONS, row[len(_POSE_COLUMNS) :], strict=False) if held
+    )
+    nudged = len(row) > _NUDGE and row[_NUDGE]
+    nudge = tuple(row[_NUDGE + 1 :].tolist()) if nudged else None
+    return OperatorSample(float(row[0]), X_SH, clutch, trigger, buttons, nudge)

@@ -16,6 +16,7 @@ class Mode(Enum):
     HOLD = "hold"
     MANUAL = "manual"
     APPROACH = "approach"
+    ADJUST = "adjust"
     ADVANCE = "advance"
     CLOSE = "close"
     LIFT = "lift"
@@ -32,6 +33,12 @@ class Event(Enum):
 
     ENGAGED = "the operator closes the clutch"
     TRIGGERED = "the operator presses the trigger"
+    GRASPED = "the operator presses the trigger, which closes the jaws here"
+    BEGUN = "the robot begins by itself"
+    CANCELLED = "the operator cancels"
+    RETARGETED = "the operator takes another grasp"
+    WAITED = "the pre-grasp is reached, and the operator has the last word"
+    CONFIRMED = "the operator confirms"
     ARRIVED = "the end of the path is reached"
     CLOSED = "the jaws have come to rest"
     FAULT = "something cannot be trusted any more"
@@ -41,8 +48,15 @@ _BY_EVENT: dict[tuple[Mode, Event], Mode] = {
     (Mode.HOLD, Event.ENGAGED): Mode.MANUAL,
     (Mode.HOLD, Event.TRIGGERED): Mode.MANUAL,
     (Mode.MANUAL, Event.TRIGGERED): Mode.APPROACH,
+    (Mode.MANUAL, Event.GRASPED): Mode.CLOSE,
+    (Mode.MANUAL, Event.BEGUN): Mode.APPROACH,
     (Mode.APPROACH, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.APPROACH, Event.RETARGETED): Mode.APPROACH,
+    (Mode.APPROACH, Event.WAITED): Mode.ADJUST,
     (Mode.APPROACH, Event.ARRIVED): Mode.ADVANCE,
+    (Mode.ADJUST, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.ADJUST, Event.RETARGETED): Mode.APPROACH,
+    (Mode.ADJUST, Event.CONFIRMED): Mode.ADVANCE,
     (Mode.ADVANCE, Event.TRIGGERED): Mode.MANUAL,
     (Mode.ADVANCE, Event.ARRIVED): Mode.CLOSE,
     (Mode.CLOSE, Event.TRIGGERED): Mode.MANUAL,
@@ -53,7 +67,11 @@ _BY_EVENT: dict[tuple[Mode, Event], Mode] = {
 }
 
 TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = MappingProxyType(
-    {**_BY_EVENT, **{(mode, Event.FAULT): Mode.HOLD for mode in Mode}}
+    {
+        **_BY_EVENT,
+        **{(mode, Event.CANCELLED): Mode.MANUAL for mode in Mode if mode.automatic},
+        **{(mode, Event.FAULT): Mode.HOLD for mode in Mode},
+    }
 )
 """The mode that follows on an event; an event that is not listed for a mode changes nothing."""
 
@@ -81,12 +99,16 @@ def markdown() -> str:
     lines += [
         f"    {mode.value} --> {after.value}: {event.name.lower()}"
         for (mode, event), after in TRANSITIONS.items()
-        if event is not Event.FAULT
+        if event not in (Event.FAULT, Event.CANCELLED)
     ]
     lines += [
         "```",
         "",
         "A fault leads from every mode to hold. Hold is left only by the operator, with the clutch or the trigger.",
+        "Cancelling leads from every mode in which the robot moves by itself to manual, as the trigger does.",
+        "",
+        "Which of the events of manual mode a press of the trigger is depends on the arbitration policy, see",
+        "[arbitration](arbitration.md). The robot waits in adjust only where fine-tuning is switched on.",
         "",
     ]
     return "\n".join(lines)

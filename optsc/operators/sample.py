@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import Enum
 from math import isfinite
+from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
 from optsc.geometry import Pose
@@ -19,6 +21,20 @@ POSITION_RANGE = 1e3
 """How far from the station's origin a hand can be [m]: beyond it a number is a fault, not a place."""
 
 
+LARGEST_NUDGE = 1.0
+"""The largest component of a nudge [m, rad] in one sample: beyond it a number is a fault, not a nudge."""
+
+
+class Button(Enum):
+    """What an operator can ask for besides clutch and trigger; all but `NUDGE` count when they are pressed."""
+
+    CONFIRM = "go on from the pre-grasp"
+    CANCEL = "leave the motion to the hand again"
+    NEXT = "take the next best grasp instead"
+    VETO = "never take this grasp"
+    NUDGE = "while it is held, the hand shifts the grasp that the robot goes to"
+
+
 class OperatorSample(NamedTuple):
     """One reading of the operator's hand.
 
@@ -26,13 +42,19 @@ class OperatorSample(NamedTuple):
         stamp: when the hand was there [s], on the clock of `OperatorView.time`.
         X_SH: hand H in the operator's station frame S.
         clutch: True while the hand is coupled to the arm.
-        trigger: its rising edge changes over between manual and automatic.
+        trigger: in manual mode its rising edge hands over to the robot, or closes the jaws where the arbitration is
+            such; while the robot moves by itself it takes over again.
+        buttons: what is held down.
+        nudge: how far the grasp that the robot goes to is to be shifted since the last sample, in the gripper's own
+            frame: x, y, z [m] and a rotation vector [rad]; None for not at all. For devices with buttons or a stick.
     """
 
     stamp: float
     X_SH: Pose
     clutch: bool = True
     trigger: bool = False
+    buttons: frozenset[Button] = frozenset()
+    nudge: tuple[float, float, float, float, float, float] | None = None
 
 
 class OperatorView(NamedTuple):
@@ -44,6 +66,8 @@ class OperatorView(NamedTuple):
         automatic: whether the arm is approaching by itself.
         finished: whether the task is done.
         objects: pose of each object in the world.
+        grasps: the grasp that is shown for each object, tool poses in the world; {} where none is.
+        target: the object that the robot is grasping by itself; None where it does not, or nothing tells.
     """
 
     time: float
@@ -51,6 +75,8 @@ class OperatorView(NamedTuple):
     automatic: bool
     finished: bool
     objects: Mapping[str, Pose]
+    grasps: Mapping[str, Pose] = MappingProxyType({})
+    target: str | None = None
 
 
 class Operator(Protocol):
@@ -66,8 +92,8 @@ def fault_of(sample: OperatorSample, previous_stamp: float | None) -> str | None
 
     Refused are: a stamp that is not finite or earlier than ``previous_stamp`` (None before the first sample),
     a position that is not finite or beyond `POSITION_RANGE`, an orientation that is not finite or not of unit
-    norm within `UNIT_TOLERANCE`, and a batch of poses. An equal stamp is no fault: it is a tracker that
-    stands still, which is a matter of the sample's age.
+    norm within `UNIT_TOLERANCE`, a batch of poses, and a nudge that is not six numbers up to `LARGEST_NUDGE`. An
+    equal stamp is no fault: it is a tracker that stands still, which is a matter of the sample's age.
 
     Called at every control tick: it never raises on a well-typed sample and costs about a microsecond,
     which is why it compares plain floats instead of arrays.
@@ -87,4 +113,13 @@ def fault_of(sample: OperatorSample, previous_stamp: float | None) -> str | None
     square = w * w + i * i + j * j + k * k
     if not (1.0 - UNIT_TOLERANCE) ** 2 <= square <= (1.0 + UNIT_TOLERANCE) ** 2:
         return f"hand orientation is ({w:.6g}, {i:.6g}, {j:.6g}, {k:.6g}), not a unit quaternion"
+    if sample.nudge is not None:
+        return _nudge_fault(sample.nudge)
     return None
+
+
+def _nudge_fault(nudge: tuple[float, ...]) -> str | None:
+    # Written so that what is not a number fails too.
+    if len(nudge) == 6 and all(abs(part) <= LARGEST_NUDGE for part in nudge):
+        return None
+    return f"nudge is {tuple(nudge)}, not six numbers up to {LARGEST_NUDGE:g} [m, rad]"

@@ -1,0 +1,53 @@
+"""Linear policy blending by confidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Moment
+from optsc.control.arbitration.motions import limited, ramp, towards
+from optsc.errors import InvalidValue
+
+
+@dataclass(frozen=True)
+class LinearBlending(Arbitration):
+    """Linear blending, u = (1 - alpha) u_h + alpha u_r, towards the nearest grasp of the most probable object.
+
+    A. Dragan, S. Srinivasa, "A policy-blending formalism for shared control", 2013. The confidence is the lead c of
+    the most probable object over the second; alpha = most (c - low) / (high - low), between 0 and ``most``, the
+    piecewise linear form of Gopinath et al.; equal thresholds make it the switch at a lead of 0.4 in the program of
+    Javdani et al., whose largest alpha is 0.6 too. The rate limit of alpha and the upper threshold are ours.
+
+    Attributes:
+        low, high: leads between which alpha rises [1].
+        most: the largest alpha [1].
+        rate: by how much alpha changes at most [1/s].
+    """
+
+    low: float = 0.4
+    high: float = 0.8
+    most: float = 0.6
+    rate: float = 2.0
+
+    name: ClassVar[str] = "linear blending"
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.low <= self.high <= 1.0:
+            raise InvalidValue("low, high", (self.low, self.high), "0 <= low <= high <= 1")
+        if not 0.0 < self.most <= 1.0:
+            raise InvalidValue("most", self.most, "above 0, up to 1")
+        if not self.rate > 0.0:
+            raise InvalidValue("rate", self.rate, "above 0 [1/s]")
+
+    def blend(self, moment: Moment) -> Blend:
+        """Return A = (1 - alpha) I and r = alpha u_r."""
+        goal = moment.goal
+        if goal is None:
+            return HAND_ALONE
+        wanted = self.most * ramp(moment.gap, self.low, self.high)
+        alpha = limited(moment.last.share, wanted, self.rate * moment.period)
+        u_r = towards(moment.approach, moment.p, moment.q, goal.p, goal.q)
+        return Blend((1.0 - alpha) * np.eye(6), alpha * u_r, alpha)

@@ -1,0 +1,43 @@
+"""Wishes of the robot, as twists (6,) in W, and confidence."""
+
+from __future__ import annotations
+
+from math import hypot
+
+import numpy as np
+
+from optsc.control.approach import Approach
+from optsc.geometry import scalar
+from optsc.geometry.rotation import Array
+from optsc.geometry.scalar import Quaternion, Vector
+
+SLOWING = 0.3
+"""Time constant [s] of coming to rest at a pose: from 0.1 m/s the last 3 cm are slower."""
+
+
+def offset(p: Vector, q: Quaternion, goal_p: Vector, goal_q: Quaternion) -> tuple[Vector, Vector]:
+    """Return the displacement [m] and the rotation vector [rad], in W, that lead from a pose to a goal."""
+    shift = (goal_p[0] - p[0], goal_p[1] - p[1], goal_p[2] - p[2])
+    return shift, scalar.log(scalar.multiply(goal_q, scalar.conjugate(q)))
+
+
+def towards(approach: Approach, p: Vector, q: Quaternion, goal_p: Vector, goal_q: Quaternion) -> Array:
+    """Return the twist (6,) that leads straight to a goal: e / `SLOWING`, at the approach's speeds at most.
+
+    The slower of the two parts sets the pace, so that line and rotation end together.
+    """
+    shift, turn = offset(p, q, goal_p, goal_q)
+    pace = max(hypot(*shift) / approach.speed, hypot(*turn) / approach.angular_speed, SLOWING)
+    return np.array([*shift, *turn]) / pace
+
+
+def ramp(value: float, low: float, high: float) -> float:
+    """Return 0 up to ``low``, 1 from ``high`` on, and a straight line between; a step where both are equal."""
+    if value <= low:
+        return 0.0
+    return 1.0 if value >= high else (value - low) / (high - low)
+
+
+def limited(last: float, wanted: float, most: float) -> float:
+    """Return ``wanted``, but no further from ``last`` than ``most``."""
+    return min(max(wanted, last - most), last + most)

@@ -1,0 +1,206 @@
+"""Fine-tuning: the operator shifts the grasp that the robot goes to, a little, while it goes there.
+
+Chen et al. 2023 name it as future work. A nudge is a small displacement and turn in the gripper's own frame, scaled,
+and the sum of them is bounded: the stored grasp is adjusted, not replaced. What the arm could not carry out is not
+taken over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import hypot, isfinite
+from typing import NamedTuple
+
+import numpy as np
+
+from optsc.control.approach import Approach, PathTarget
+from optsc.control.rollout import can_travel
+from optsc.errors import InvalidValue
+from optsc.geometry import Pose, scalar
+from optsc.geometry.scalar import Quaternion, Vector
+from optsc.grasps import Candidates
+from optsc.ik.batch import solve_ik
+from optsc.operators.clutch import ClutchSettings, Hand
+from optsc.robot import RobotModel
+from optsc.selection import Target
+from optsc.selection.reach import ClearRows
+
+Nudge = tuple[float, float, float, float, float, float]
+"""Displacement [m] and rotation vector [rad] in the gripper's own frame."""
+_NONE = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class FineTuning:
+    """How far a grasp may be tuned; all defaults are ours.
+
+    Attributes:
+        scale: what the tool is shifted by per nudge, in position and rotation [1].
+        most: distance and angle from the stored grasp at most [m, rad].
+        speed: how fast the robot's path is shifted at most [m/s, rad/s].
+        period: time between two checks of what was nudged [s].
+        wait: whether the robot waits at the pre-grasp until the operator confirms.
+    """
+
+    scale: tuple[float, float] = (0.3, 0.3)
+    most: tuple[float, float] = (0.03, 0.35)
+    speed: tuple[float, float] = (0.05, 0.25)
+    period: float = 0.02
+    wait: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("scale", "most", "speed"):
+            value = getattr(self, name)
+            if len(value) != 2 or not all(isfinite(x) and x > 0 for x in value):
+                raise InvalidValue(name, value, "two positive numbers")
+        if not (isfinite(self.period) and self.period > 0):
+            raise InvalidValue("period", self.period, "positive and finite [s]")
+
+
+class Scene(NamedTuple):
+    """What a tuned grasp is checked in: the arm, how it moves, the candidates, and their collision check."""
+
+    robot: RobotModel
+    approach: Approach
+    candidates: Candidates
+    clear: ClearRows | None
+
+
+class Tuned(NamedTuple):
+    """A grasp and what has become of it: the stored target, the offset in its own frame, and the target now."""
+
+    stored: Target
+    offset: Pose
+    target: Target
+
+
+def untouched(target: Target) -> Tuned:
+    """Return a grasp as it was stored."""
+    return Tuned(target, Pose.identity(), target)
+
+
+def nudged(settings: FineTuning, scene: Scene, tuned: Tuned, nudge: Nudge) -> tuple[Tuned, str]:
+    """Return the grasp after a nudge, and why it was not carried out; the grasp is then as it was.
+
+    X_WG' = X_WG offset' with offset' = offset exp(scale nudge), made as short as `FineTuning.most` asks for. Checked
+    are the pre-grasp and the grasp for a posture within the joint limits, for collision where the scene has a check,
+    and the straight way between them. The manipulability told with the target stays that of the stored grasp.
+    """
+    a, b = settings.scale
+    step = Pose(
+        np.array(scalar.exp((b * nudge[3], b * nudge[4], b * nudge[5]))),
+        np.array((a * nudge[0], a * nudge[1], a * nudge[2])),
+    )
+    offset = _shortened(tuned.offset @ step, settings.most)
+    stored = tuned.stored
+    X_WG = stored.X_WG @ offset
+    X_WP = X_WG @ (stored.X_WG.inverse() @ stored.X_WP)
+    before, rng = tuned.target, np.random.default_rng(0)
+    at_pregrasp = solve_ik(scene.robot, X_WP, rng=rng, seeds=before.q_pregrasp, restarts=0)
+    if not at_pregrasp.success:
+        return tuned, "the nudged pre-grasp is out of reach"
+    at_grasp = solve_ik(scene.robot, X_WG, rng=rng, seeds=at_pregrasp.q, restarts=0)
+    if not at_grasp.success:
+        return tuned, "the nudged grasp is out of reach"
+    target = before._replace(X_WG=X_WG, X_WP=X_WP, q=at_grasp.q, q_pregrasp=at_pregrasp.q)
+    if not can_travel(scene.robot, scene.approach, at_pregrasp.q, [X_WP, X_WG]):
+        return tuned, "the nudged grasp cannot be reached on a straight way"
+    if not _is_clear(scene, target):
+        return tuned, "the nudged grasp would touch something"
+    return Tuned(stored, offset, target), ""
+
+
+def _shortened(offset: Pose, most: tuple[float, float]) -> Pose:
+    turn = scalar.shortened(scalar.log(tuple(offset.quaternion.tolist())), most[1])
+    return Pose(
+        np.array(scalar.exp(turn)), np.array(scalar.shortened(tuple(offset.translation.tolist()), most[0]))
+    )
+
+
+def _is_clear(scene: Scene, target: Target) -> bool:
+    if scene.clear is None:
+        return True
+    one = np.array([target.candidate])
+    X_WG = Pose(target.X_WG.quaternion[None], target.X_WG.translation[None])
+    candidates = scene.candidates
+    row = replace(
+        candidates,
+        object_index=candidates.object_index[one],
+        grasp_index=candidates.grasp_index[one],
+        X_WG=X_WG,
+        opening=candidates.opening[one],
+        quality=candidates.quality[one],
+    )
+    return bool(scene.clear(target.q[None], target.q_pregrasp[None], row)[0])
+
+
+def hand_nudge(clutch: ClutchSettings, before: Hand, after: Hand, grasp: Quaternion) -> Nudge:
+    """Return the motion of a hand between two samples as a nudge of a gripper with orientation ``grasp`` in W."""
+    to_grasp = scalar.conjugate(grasp)
+    p = (after.p[0] - before.p[0], after.p[1] - before.p[1], after.p[2] - before.p[2])
+    turn = scalar.log(scalar.multiply(after.q, scalar.conjugate(before.q)))
+    x, y, z = scalar.rotate(to_grasp, scalar.rotate(clutch.R_WS, p))
+    a, b, c = scalar.rotate(to_grasp, scalar.rotate(clutch.R_WS, turn))
+    return x, y, z, a, b, c
+
+
+class Tuner:
+    """Collects nudges, and takes them over when the next check is due."""
+
+    def __init__(self, settings: FineTuning, scene: Scene, target: Target, time: float) -> None:
+        self.settings, self.scene, self.tuned = settings, scene, untouched(target)
+        self._waiting: list[float] = [0.0] * 6
+        self._checked = time
+
+    def push(self, nudge: Nudge) -> None:
+        """Collect a nudge."""
+        self._waiting = [a + b for a, b in zip(self._waiting, nudge, strict=True)]
+
+    def settle(self, time: float) -> str:
+        """Take over what was collected, if it is time [s] to; return why it could not be, else nothing."""
+        if not any(self._waiting) or time - self._checked < self.settings.period:
+            return ""
+        self._checked = time
+        nudge, self._waiting = self._waiting, [0.0] * 6
+        self.tuned, reason = nudged(self.settings, self.scene, self.tuned, tuple(nudge))  # type: ignore[arg-type]
+        return reason
+
+
+class Shift:
+    """A displacement of a path, which moves to its end no faster than it may: a nudge never makes the tool jump."""
+
+    def __init__(self, speed: tuple[float, float]) -> None:
+        self._speed = speed
+        self._p, self._r = _NONE, _NONE
+        self._end_p, self._end_r = _NONE, _NONE
+
+    def lead(self, start: tuple[Vector, Quaternion], end: tuple[Vector, Quaternion]) -> None:
+        """Set the end: the displacement that turns one pose in W into another."""
+        (p, q), (to_p, to_q) = start, end
+        self._end_p = (to_p[0] - p[0], to_p[1] - p[1], to_p[2] - p[2])
+        self._end_r = scalar.log(scalar.multiply(to_q, scalar.conjugate(q)))
+
+    @property
+    def moving(self) -> bool:
+        """Whether the end has not been reached."""
+        return self._p != self._end_p or self._r != self._end_r
+
+    def applied(self, target: PathTarget, period: float) -> PathTarget:
+        """Move on by one ``period`` [s], and return the path's target displaced, with its velocity."""
+        p, r = self._p, self._r
+        self._p = _stepped(p, self._end_p, self._speed[0] * period)
+        self._r = _stepped(r, self._end_r, self._speed[1] * period)
+        v = tuple(t + (b - a) / period for t, a, b in zip(target.v, p, self._p, strict=True))
+        w = tuple(t + (b - a) / period for t, a, b in zip(target.w, r, self._r, strict=True))
+        place = tuple(a + b for a, b in zip(target.p, self._p, strict=True))
+        turned = scalar.multiply(scalar.exp(self._r), target.q)
+        return target._replace(p=place, q=turned, v=v, w=w)  # type: ignore[arg-type]
+
+
+def _stepped(now: Vector, end: Vector, most: float) -> Vector:
+    way = (end[0] - now[0], end[1] - now[1], end[2] - now[2])
+    length = hypot(*way)
+    if length <= most:
+        return end
+    s = most / length
+    return now[0] + s * way[0], now[1] + s * way[1], now[2] + s * way[2]

@@ -1,0 +1,107 @@
+"""What the hand may touch, and when."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from closed_loop import DOWN, Loop, assert_limits_hold
+
+from optsc.control.arbitration import Manual
+from optsc.control.modes import Mode
+from optsc.control.touching import Touching
+from optsc.geometry import Pose
+from optsc.geometry.mesh import TriangleMesh
+from optsc.grasps import Candidates
+from optsc.ik import Avoidance
+from optsc.robot import load_robot
+
+
+class Recorder:
+    """Stands for an avoidance with two obstacles."""
+
+    def __init__(self):
+        self.calls = []
+        self.model = SimpleNamespace(pairs=[SimpleNamespace(other=name) for name in ("can", "table", "mug")])
+
+    def hand_may_touch(self, *names):
+        self.calls.append(names)
+
+
+CAN = SimpleNamespace(object_name="can")
+
+
+def test_the_hand_may_touch_what_the_robot_grasps_from_the_advance_until_it_sets_out_anew():
+    avoid = Recorder()
+    touching = Touching(avoid)
+    for mode in (Mode.MANUAL, Mode.APPROACH, Mode.ADJUST):
+        touching.see(mode, CAN if mode is not Mode.MANUAL else None, None)
+    assert avoid.calls == [()]
+    for mode in (Mode.ADVANCE, Mode.CLOSE, Mode.LIFT, Mode.CARRY):
+        touching.see(mode, CAN, None)
+    assert avoid.calls == [(), ("can",)]
+    touching.see(Mode.MANUAL, None, None)
+    assert avoid.calls == [(), ("can",)]
+    touching.see(Mode.APPROACH, CAN, None)
+    assert avoid.calls[-1] == ()
+
+
+def test_where_the_hand_grasps_it_may_touch_the_object_that_is_meant():
+    avoid = Recorder()
+    touching = Touching(avoid)
+    touching.see(Mode.MANUAL, None, "mug")
+    touching.see(Mode.MANUAL, None, "can")
+    touching.see(Mode.CLOSE, None, None)
+    touching.see(Mode.HOLD, None, None)
+    assert avoid.calls == [(), ("mug",), ("can",), ()]
+
+
+def test_an_object_that_is_no_obstacle_is_no_matter():
+    avoid = Recorder()
+    Touching(avoid).see(Mode.MANUAL, None, "ghost")
+    Touching(None).see(Mode.ADVANCE, CAN, None)
+    assert avoid.calls == [(), ()]
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("panda")
+
+
+def box(size):
+    """A box with the origin in its centre."""
+    s = 0.5 * np.array(size)
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * s
+    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
+    faces += [(2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
+    return TriangleMesh(corners, np.array(faces))
+
+
+@pytest.mark.parametrize("policy", [None, Manual()], ids=["alternating", "manual"])
+def test_with_collision_avoidance_the_hand_still_gets_to_its_grasp(robot, policy):
+    place = np.array([0.5, 0.0, 0.3])
+    one = Candidates(
+        object_names=("thing",),
+        object_index=np.zeros(1, dtype=int),
+        grasp_index=np.zeros(1, dtype=int),
+        X_WG=Pose(DOWN[None], place[None]),
+        opening=np.full(1, 0.04),
+        quality=np.ones(1),
+        jaw_symmetric=True,
+    )
+    obstacle = {"thing": (box((0.04, 0.04, 0.1)), Pose.from_translation(place))}
+    avoid = Avoidance(robot, obstacle, table_height=None)
+    loop = Loop(robot, one, avoid=avoid, arbitration=policy)
+    loop.go(0.1)
+    way = place - loop.tool().translation
+    if policy is None:
+        loop.press()
+        loop.go(6.0)
+        assert any(step.mode is Mode.CLOSE for step in loop.steps)
+    else:
+        loop.go(3.0, move=way)
+        loop.go(0.5)
+        loop.press()
+        assert loop.controller.mode is Mode.CLOSE
+    closing = next(step for step in loop.steps if step.mode is Mode.CLOSE)
+    assert np.linalg.norm(robot.forward(closing.command.q).translation - place) < 0.005
+    assert_limits_hold(robot, loop.steps)
