@@ -89,7 +89,7 @@ def run(
             X_WT = controller.robot.forward(measured.q)
             if controller.ranking is not ranking:
                 ranking = controller.ranking
-                grasps = {} if ranking is None else _shown(ranking)
+                grasps = controller.shown
             view = OperatorView(controller.time, X_WT, automatic, finished, objects, grasps, target)
             sample = operator.read(view)
             before = perf_counter()
@@ -106,12 +106,6 @@ def run(
             gc.enable()
     facts = {"robot": controller.robot.name, "start": q.tolist(), **(about or {})}
     return Run(rate, tuple(ticks), facts, updates)
-
-
-def _shown(ranking: Ranking) -> dict[str, Pose]:
-    """Return the chosen grasp of each object that has one, as a display marks it."""
-    targets = {name: ranking.target(name) for name in ranking.object_names}
-    return {name: target.X_WG for name, target in targets.items() if target is not None}
 
 
 def _seen_target(target: Target, objects: Mapping[str, Pose]) -> str:

@@ -110,6 +110,15 @@ class Choosing:
             self.selector.refresh_oldest(servo.guard.q, IDLE_ROWS)
             self._refreshed = True
 
+    @property
+    def shown(self) -> dict[str, Pose]:
+        """The grasp to mark for each object: what a policy helps towards, or else the chosen one."""
+        if self.goals:
+            return {goal.name: Pose(np.array(goal.q), np.array(goal.p)) for goal in self.goals}
+        ranking = self.ranking
+        targets = {} if ranking is None else {name: ranking.target(name) for name in ranking.object_names}
+        return {name: target.X_WG for name, target in targets.items() if target is not None}
+
     def meant_for(self, time: float) -> float:
         """Return for how long [s] the same object has been meant; zero while there is none."""
         return 0.0 if self._meant is None else time - self._meant_since

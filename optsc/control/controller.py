@@ -153,6 +153,11 @@ class SharedController:
         return self.servo.time
 
     @property
+    def shown(self) -> Mapping[str, Pose]:
+        """The grasp to mark for each object, tool poses in W."""
+        return self._choosing.shown
+
+    @property
     def finished(self) -> bool:
         """Whether an object has been carried long enough."""
         return self.mode is Mode.CARRY and self.time - self._entered >= self.approach.carry_time

@@ -12,7 +12,7 @@ from optsc.geometry.rotation import Array
 from optsc.ik.batch import solve_ik
 from optsc.robot import RobotModel
 from optsc.robot.manipulability import Manipulability
-from optsc.selection import GraspFilter, Hysteresis, Rule
+from optsc.selection import GraspFilter, Hysteresis, Rule, StraightMotion
 
 RESTARTS = 0
 """A grasp has to be reached from the present posture: the arm goes there on a straight line, in the branch it is in."""
@@ -30,6 +30,8 @@ class GraspSelector(selection.GraspSelector):
         standoff: float = 0.1,
         filters: Sequence[GraspFilter] = (),
         hysteresis: Hysteresis | None = None,
+        speed: float = 0.1,
+        angular_speed: float = 0.5,
     ) -> None:
         """Make a selector without candidates.
 
@@ -40,10 +42,20 @@ class GraspSelector(selection.GraspSelector):
             standoff: distance from the pre-grasp to the grasp along the approach axis [m].
             filters: which candidates may be ranked, besides reachability.
             hysteresis: how far hand and arm move before the ranking takes notice; None, as in the paper, for at once.
+            speed, angular_speed: of the tool on the approach [m/s, rad/s], by which straight ways are judged.
         """
 
         def solve(X_WT: Pose, seeds: Array) -> tuple[Array, np.ndarray]:
             solutions = solve_ik(robot, X_WT, rng=np.random.default_rng(0), seeds=seeds, restarts=RESTARTS)
             return solutions.q, solutions.success
 
-        super().__init__(robot, rule, manipulability, solve=solve, standoff=standoff, filters=filters, hysteresis=hysteresis)
+        super().__init__(
+            robot,
+            rule,
+            manipulability,
+            solve=solve,
+            standoff=standoff,
+            filters=filters,
+            hysteresis=hysteresis,
+            motion=StraightMotion(robot, speed, angular_speed),
+        )

@@ -76,8 +76,9 @@ class ClutchSettings:
         rotation_scale: tool rotation per hand rotation; needs relative orientation.
         orientation: ``absolute`` (the paper) or ``relative``.
         slerp: how the mismatch of an absolute orientation fades.
-        fade: time over which the hand's motion comes in after the clutch has closed [s]. Zero is the paper's mapping; a
-            few tenths spare an arm the jump of speed when a hand is coupled that is already moving.
+        fade: time over which the hand's motion comes in after the clutch has closed [s]. From then on the mapping is
+            equations 1 and 2 to the letter; until then a share of the way is held back, so that an arm at rest is not
+            asked for a jump of speed when a hand is coupled that is already moving. Zero is the paper's.
         largest_step: distance and angle from one sample to the next [m, rad] beyond which a hand has not moved but
             jumped, as trackers do: it is then coupled anew where it is.
     """
@@ -87,7 +88,7 @@ class ClutchSettings:
     rotation_scale: float = 1.0
     orientation: Literal["absolute", "relative"] = "absolute"
     slerp: Slerp = Slerp()
-    fade: float = 0.0
+    fade: float = 0.5
     largest_step: tuple[float, float] = (0.1, 0.6)
 
     def __post_init__(self) -> None:
@@ -115,6 +116,8 @@ class ClutchState(NamedTuple):
         mismatch: rotation that still separates tool and hand, applied on the left of the hand's.
         stamp: time of the last sample [s].
         since: when the clutch closed [s].
+        way, turn: how far the target was to go since then [m], and the sum of its turns [rad].
+        held: share of both that is held back.
     """
 
     hand_p: Vector
@@ -124,6 +127,9 @@ class ClutchState(NamedTuple):
     mismatch: Quaternion
     stamp: float
     since: float
+    way: Vector = (0.0, 0.0, 0.0)
+    turn: Vector = (0.0, 0.0, 0.0)
+    held: float = 1.0
 
 
 class Hand(NamedTuple):
@@ -150,34 +156,55 @@ def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchSt
     """
     hand_p = scalar.rotate(settings.R_WS, hand.p)
     hand_q = scalar.multiply(settings.R_WS, scalar.normalised(hand.q))
-    share = _faded_in(settings.fade, hand.stamp - state.since)
-    k = share * settings.scale
-    tool_p = (
-        state.tool_p[0] + k * (hand_p[0] - state.hand_p[0]),
-        state.tool_p[1] + k * (hand_p[1] - state.hand_p[1]),
-        state.tool_p[2] + k * (hand_p[2] - state.hand_p[2]),
-    )
+    held = _held(settings.fade, hand.stamp - state.since)
+    step = _times(settings.scale, _minus(hand_p, state.hand_p))
+    way = _plus(state.way, step)
+    tool_p = _plus(state.tool_p, step)
+    if held or state.held:
+        tool_p = _plus(tool_p, _minus(_times(state.held, state.way), _times(held, way)))
+    mismatch, turn = state.mismatch, state.turn
     if settings.orientation == "relative":
-        turn = scalar.log(scalar.multiply(hand_q, scalar.conjugate(state.hand_q)))
-        r = share * settings.rotation_scale
-        tool_q = scalar.multiply(scalar.exp((turn[0] * r, turn[1] * r, turn[2] * r)), state.tool_q)
-        mismatch = state.mismatch
+        hand_turn = scalar.log(scalar.multiply(hand_q, scalar.conjugate(state.hand_q)))
+        tool_turn = _times(settings.rotation_scale, hand_turn)
+        turn = _plus(state.turn, tool_turn)
+        tool_q = state.tool_q
+        if state.held:
+            tool_q = scalar.multiply(scalar.exp(_times(state.held, state.turn)), tool_q)
+        tool_q = scalar.multiply(scalar.exp(tool_turn), tool_q)
+        if held:
+            tool_q = scalar.multiply(scalar.exp(_times(-held, turn)), tool_q)
     else:
-        mismatch = state.mismatch
         if settings.slerp.lagging:
             # The paper filters towards the hand's orientation: what the hand turned since adds to the mismatch.
             mismatch = scalar.multiply(state.tool_q, scalar.conjugate(hand_q))
         mismatch = settings.slerp.remaining(mismatch, hand.stamp - state.stamp)
         tool_q = scalar.multiply(mismatch, hand_q)
-    return ClutchState(hand_p, hand_q, tool_p, scalar.normalised(tool_q), mismatch, hand.stamp, state.since)
+    tool_q = scalar.normalised(tool_q)
+    return ClutchState(hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, state.since, way, turn, held)
 
 
-def _faded_in(fade: float, elapsed: float) -> float:
-    """Return the share of the hand's motion that counts ``elapsed`` [s] after the clutch closed: a smooth step."""
+def _held(fade: float, elapsed: float) -> float:
+    """Return the share of the way since the clutch closed that is held back ``elapsed`` [s] later: (1 - u)^2.
+
+    Of a steady hand's way v t the target then goes v t (2 u - u^2): it starts from rest, speeds up by 4 v / fade at
+    most, and makes up for what it was behind at no more than 4/3 of the hand's speed.
+    """
     if elapsed >= fade:
-        return 1.0
-    s = max(elapsed, 0.0) / fade
-    return s * s * (3.0 - 2.0 * s)
+        return 0.0
+    left = 1.0 - max(elapsed, 0.0) / fade
+    return left * left
+
+
+def _plus(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _minus(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _times(k: float, a: Vector) -> Vector:
+    return k * a[0], k * a[1], k * a[2]
 
 
 def jumped(settings: ClutchSettings, state: ClutchState, hand: Hand) -> bool:

@@ -84,6 +84,7 @@ class Person:
         self._corrections = self._attempts = 0
         self._triggered = self._trigger_not_before = view.time
         self._robot_began = False
+        self._let_go_until = view.time
 
     def _first_pose(self, X_WT: Pose) -> Pose:
         axis = self._rng.normal(size=3)
@@ -93,8 +94,8 @@ class Person:
         at = np.array(self._human.hand_start) + self._rng.uniform(-0.05, 0.05, 3)
         return Pose(q / np.linalg.norm(q), at)
 
-    def live(self, time: float, view: OperatorView) -> tuple[Pose, bool]:
-        """Live through one sample period up to ``time``: return the reported hand and the trigger."""
+    def live(self, time: float, view: OperatorView) -> tuple[Pose, bool, bool]:
+        """Live through one sample period up to ``time``: return the reported hand, the clutch and the trigger."""
         self._look(time, view)
         if view.finished:
             self._enter(Phase.DONE, time)
@@ -105,7 +106,7 @@ class Person:
                 self._enter(Phase.SUPERVISE, time)
             self._decide(time, view)
         X_SH = self._hand.advance(self._movement, time)
-        return X_SH, self.phase in (Phase.HAND_OVER, Phase.TAKE_OVER)
+        return X_SH, time >= self._let_go_until, self.phase in (Phase.HAND_OVER, Phase.TAKE_OVER)
 
     def _look(self, time: float, view: OperatorView) -> None:
         # An object that is hidden for a while is remembered where it was.
@@ -150,6 +151,9 @@ class Person:
         X_WT, at_rest = self._perceived(time)
         if not at_rest and waited < self._human.patience:
             return
+        if self._by_hand and self._goes_along(waited, view, X_WT):
+            self._arrived(time, view, X_WT)
+            return
         wanted, care = self._wanted_pose(), self._care()
         distance = float(np.linalg.norm(wanted.translation - X_WT.translation))
         angle = float(rotation.angle(wanted.quaternion, X_WT.quaternion))
@@ -163,6 +167,19 @@ class Person:
         else:
             self._corrections += 1
             self._correct(time, X_WT)
+
+    def _goes_along(self, waited: float, view: OperatorView, X_WT: Pose) -> bool:
+        """Tell whether the person is content with where help has brought the tool, and take to the grasp shown there.
+
+        Whoever is helped on towards a grasp does not insist on the ready pose, nor on the pre-grasp.
+        """
+        shown = view.grasps.get(self._target())
+        if self._X_OG is None:
+            return shown is not None and waited >= self._human.patience
+        X_WO = self._known[self._target()]
+        if shown is not None and _nearness(X_WT, shown) < _nearness(X_WT, X_WO @ self._X_OG):
+            self._X_OG = X_WO.inverse() @ shown
+        return not self._at_pregrasp and _nearness(X_WT, X_WO @ self._X_OG) < 0.9 * self._human.standoff
 
     def _arrived(self, time: float, view: OperatorView, X_WT: Pose) -> None:
         """Hand over; who grasps by hand goes on, to the pre-grasp that is shown, then to the grasp, then closes."""
@@ -203,6 +220,9 @@ class Person:
             self._trigger_not_before = time + self._human.retrigger
             # What the robot has refused is tried from another side; what it broke off, once more much the same.
             aim = self._adjusted_aim(view) if self._robot_began else self._fresh_aim(view)
+            if self._robot_began:
+                # Whatever it was that halted the robot, letting go and taking hold again is the way out.
+                self._let_go_until = time + self._human.press
             self._reach_out(time + self._human.reaction, view, aim)
 
     def _sees_it_go_wrong(self, time: float, view: OperatorView) -> bool:
@@ -283,6 +303,12 @@ class Person:
 
     def _adjusted_aim(self, view: OperatorView) -> Aim:
         return adjust_aim(self._rng, self._aim, self._known[self._target()], view.X_WT, self._aims)
+
+
+def _nearness(X: Pose, Y: Pose) -> float:
+    """Return how far apart two poses look [m]: an angle counts as what it moves 10 cm away."""
+    angle = float(rotation.angle(X.quaternion, Y.quaternion))
+    return float(np.linalg.norm(X.translation - Y.translation)) + 0.1 * angle
 
 
 def _misjudgement(rng: np.random.Generator, human: HumanParameters) -> Pose:

@@ -1,57 +1,72 @@
-"""From the tracker's rate to the control rate: a constant-velocity (alpha-beta) filter on SE(3).
+"""From the tracker's clock to the control clock: a constant-acceleration filter with fading memory, on SE(3).
 
-Kalata, "The tracking index", 1984: with beta = alpha^2 / (2 - alpha) the filter is the steady state of a Kalman
-filter for a target of random acceleration.
+The estimate is the quadratic in time that fits all samples best when a sample's weight decays exponentially with its
+age; the gains follow from how long ago the last sample was, so that the memory is the same in seconds at every rate and
+irregular samples need no case of their own. N. Morrison, "Introduction to Sequential Smoothing and Prediction",
+McGraw-Hill 1969 (fading-memory polynomial filters). Read at a time before the newest sample, as the servo does, it
+interpolates and guesses nothing.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import exp, hypot
 from typing import NamedTuple
 
 from optsc.errors import InvalidValue
 from optsc.geometry import scalar
 from optsc.geometry.scalar import Quaternion, Vector
 
+FADING = 0.05
+"""Time constant [s] with which an acceleration is taken to end beyond the newest sample (ours): a hand's do."""
+
 
 @dataclass(frozen=True)
 class PredictionSettings:
-    """How far a new sample is believed.
+    """How long samples count, and how far beyond the last of them a motion is carried on.
 
     Attributes:
-        alpha: share of the surprise in a sample that goes to the pose, in (0, 1].
-        horizon: how far beyond the last sample its velocity is carried on at most [s].
-        longest_gap: samples further apart than this [s] start the estimate afresh, at rest.
+        memory: time constant with which older samples are forgotten [s]; more smooths more.
+        horizon: how far beyond the last sample its motion is carried on at most [s].
+        longest_gap: samples further apart than this [s] start the estimate afresh, at rest ...
+        largest_step: ... and so does one that is further than this from where it was expected [m, rad]: nothing moves
+            like that, so its speed says nothing.
     """
 
-    alpha: float = 0.65
+    memory: float = 0.035
     horizon: float = 0.06
     longest_gap: float = 0.2
+    largest_step: tuple[float, float] = (0.1, 0.6)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.alpha <= 1.0:
-            raise InvalidValue("alpha", self.alpha, "in (0, 1]")
+        if not 0.0 < self.memory < float("inf"):
+            raise InvalidValue("memory", self.memory, "positive and finite [s]")
         for name in ("horizon", "longest_gap"):
             if not getattr(self, name) >= 0.0:
                 raise InvalidValue(name, getattr(self, name), "not negative [s]")
+        if len(self.largest_step) != 2 or not all(step > 0 for step in self.largest_step):
+            raise InvalidValue("largest_step", self.largest_step, "two positive numbers [m, rad]")
 
-    @property
-    def beta(self) -> float:
-        """Share of the surprise that goes to the velocity."""
-        return self.alpha * self.alpha / (2.0 - self.alpha)
+    def gains(self, elapsed: float) -> tuple[float, float, float]:
+        """Return the shares of a surprise after ``elapsed`` [s] that go to pose, velocity and acceleration."""
+        kept = exp(-elapsed / self.memory)
+        lost = 1.0 - kept
+        return 1.0 - kept**3, 1.5 * lost * lost * (1.0 + kept) / elapsed, lost**3 / elapsed**2
+
+
+REST: Vector = (0.0, 0.0, 0.0)
 
 
 class Track(NamedTuple):
-    """Estimated pose, linear and angular velocity [m/s, rad/s] in W, at the time ``stamp`` [s]."""
+    """Estimated pose, velocities [m/s, rad/s] and accelerations, linear and angular, in W, at ``stamp`` [s]."""
 
     p: Vector
     q: Quaternion
     v: Vector
     w: Vector
     stamp: float
-
-
-REST: Vector = (0.0, 0.0, 0.0)
+    a: Vector = REST
+    b: Vector = REST
 
 
 def at_rest(p: Vector, q: Quaternion, stamp: float) -> Track:
@@ -59,11 +74,29 @@ def at_rest(p: Vector, q: Quaternion, stamp: float) -> Track:
     return Track(p, q, REST, REST, stamp)
 
 
+def travel(elapsed: float) -> tuple[float, float]:
+    """Return what an acceleration adds to velocity [s] and position [s^2] by ``elapsed`` [s] after the track's stamp.
+
+    Before the stamp it is constant, after it fades with `FADING`: what ends soon must not be carried far.
+    """
+    if elapsed <= 0.0:
+        return elapsed, 0.5 * elapsed * elapsed
+    speed = FADING * (1.0 - exp(-elapsed / FADING))
+    return speed, FADING * (elapsed - speed)
+
+
 def predicted(track: Track, elapsed: float) -> tuple[Vector, Quaternion]:
     """Return the pose ``elapsed`` [s] after the track's stamp."""
-    (x, y, z), (vx, vy, vz), (wx, wy, wz) = track.p, track.v, track.w
-    turn = scalar.exp((wx * elapsed, wy * elapsed, wz * elapsed))
-    return (x + vx * elapsed, y + vy * elapsed, z + vz * elapsed), scalar.multiply(turn, track.q)
+    return _moved(track, elapsed, travel(elapsed)[1])
+
+
+def _moved(track: Track, elapsed: float, half_square: float) -> tuple[Vector, Quaternion]:
+    (x, y, z), (vx, vy, vz), (ax, ay, az) = track.p, track.v, track.a
+    (wx, wy, wz), (bx, by, bz) = track.w, track.b
+    e, h = elapsed, half_square
+    turn = scalar.exp((wx * e + bx * h, wy * e + by * h, wz * e + bz * h))
+    p = (x + vx * e + ax * h, y + vy * e + ay * h, z + vz * e + az * h)
+    return p, scalar.multiply(turn, track.q)
 
 
 def updated(settings: PredictionSettings, track: Track, p: Vector, q: Quaternion, stamp: float) -> Track:
@@ -73,15 +106,23 @@ def updated(settings: PredictionSettings, track: Track, p: Vector, q: Quaternion
         return at_rest(p, q, stamp)
     if elapsed <= 0.0:
         return track._replace(p=p, q=q)
-    expected_p, expected_q = predicted(track, elapsed)
-    surprise = (p[0] - expected_p[0], p[1] - expected_p[1], p[2] - expected_p[2])
+    (ex, ey, ez), expected_q = _moved(track, elapsed, 0.5 * elapsed * elapsed)
+    x, y, z = p[0] - ex, p[1] - ey, p[2] - ez
     turn = scalar.log(scalar.multiply(q, scalar.conjugate(expected_q)))
-    alpha, gain = settings.alpha, settings.beta / elapsed
-    correction = scalar.exp((alpha * turn[0], alpha * turn[1], alpha * turn[2]))
+    if hypot(x, y, z) > settings.largest_step[0] or hypot(*turn) > settings.largest_step[1]:
+        return at_rest(p, q, stamp)
+    k, k_v, k_a = settings.gains(elapsed)
+    correction = scalar.exp((k * turn[0], k * turn[1], k * turn[2]))
     return Track(
-        tuple(e + alpha * s for e, s in zip(expected_p, surprise, strict=True)),  # type: ignore[arg-type]
+        (ex + k * x, ey + k * y, ez + k * z),
         scalar.normalised(scalar.multiply(correction, expected_q)),
-        tuple(v + gain * s for v, s in zip(track.v, surprise, strict=True)),  # type: ignore[arg-type]
-        tuple(w + gain * s for w, s in zip(track.w, turn, strict=True)),  # type: ignore[arg-type]
+        _changed(_changed(track.v, elapsed, track.a), k_v, (x, y, z)),
+        _changed(_changed(track.w, elapsed, track.b), k_v, turn),
         stamp,
+        _changed(track.a, k_a, (x, y, z)),
+        _changed(track.b, k_a, turn),
     )
+
+
+def _changed(old: Vector, gain: float, change: Vector) -> Vector:
+    return old[0] + gain * change[0], old[1] + gain * change[1], old[2] + gain * change[2]

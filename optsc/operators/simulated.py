@@ -113,9 +113,9 @@ class Simulated:
         for index in range(max(self._next, due - _CATCH_UP), due):
             self._person.live(self._start + index / self.human.sample_rate, view)
         stamp = self._start + due / self.human.sample_rate
-        X_SH, trigger = self._person.live(stamp, view)
+        X_SH, clutch, trigger = self._person.live(stamp, view)
         self._next = due + 1
-        return OperatorSample(stamp, X_SH, clutch=True, trigger=trigger)
+        return OperatorSample(stamp, X_SH, clutch=clutch, trigger=trigger)
 
 
 def _plan_for(

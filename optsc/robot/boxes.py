@@ -10,8 +10,9 @@ import numpy as np
 from optsc.errors import InvalidValue
 from optsc.geometry import TriangleMesh
 from optsc.geometry.rotation import Array
-from optsc.robot.collision import FLAT
 
+FLAT = 1e-6
+"""A part whose points lie within this distance of a plane [m] has no volume."""
 FILL = 1.1
 """Two boxes become one where that takes up no more than this times the volume of both."""
 TURNS = 18

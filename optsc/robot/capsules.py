@@ -330,9 +330,13 @@ def _stored(path: Path) -> list[list[list[float]]] | None:
         return None
 
 
-@lru_cache(maxsize=16)
-def link_capsules(robot: RobotModel) -> LinkCapsules:
+@lru_cache(maxsize=32)
+def link_capsules(robot: RobotModel, hulls: bool = False) -> LinkCapsules:
     """Return capsules that hold every link of an arm and its hand, the fingers in every position of the jaws.
+
+    With ``hulls`` they hold the convex hull of every link instead of its surface. They hold its inside as well: from
+    a point outside three convex bodies some ray misses all of them, so no more than three (`MOST_CAPSULES`) cannot
+    surround a hole.
 
     Fitting takes some seconds; the result is kept in the per-user cache.
 
@@ -341,6 +345,8 @@ def link_capsules(robot: RobotModel) -> LinkCapsules:
         InvalidValue: a collision shape is unbounded.
     """
     bodies = _bodies(robot)
+    if hulls:
+        bodies = [body._replace(triangles=_hull_triangles(body.triangles.reshape(-1, 3))) for body in bodies]
     path = cache_directory("capsules") / f"{robot.name}-{_key(bodies)}.json"
     rows = _stored(path)
     if rows is None:

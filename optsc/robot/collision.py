@@ -8,6 +8,7 @@ overlap at postures where the links are far from touching.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 from weakref import WeakKeyDictionary
 
@@ -19,14 +20,15 @@ from numpy.typing import ArrayLike
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
+from optsc.robot.boxes import FLAT
+from optsc.robot.capsules import link_capsules
+from optsc.robot.clearance import SAFE, ClearanceScene, level
 from optsc.robot.model import RobotModel
 
 TABLE = "table"
 """What the table is called in a reason; no obstacle can have this name."""
 TABLE_HALF_SIZE = (5.0, 5.0, 1.0)
 """Half extents [m] of the box that stands for the table: wider than any arm's reach."""
-FLAT = 1e-6
-"""A part whose points lie within this distance of a plane [m] has no volume."""
 
 Shape: TypeAlias = TriangleMesh | Sequence[TriangleMesh]
 """A convex body, or the convex parts of one that is not; each mesh counts as its convex hull."""
@@ -137,6 +139,20 @@ class CollisionModel:
         """Pairs of links that are checked against each other."""
         return tuple(dict.fromkeys((self._links[a], self._links[b]) for a, b, _ in self._self_pairs))
 
+    @cached_property
+    def capsule_pairs(self) -> tuple[tuple[str, str], ...]:
+        """`self_pairs` by the names that `optsc.robot.capsules` has: both fingers are called after the first."""
+        jaws = [self._links[i] for i in sorted(self._jaw_shapes)]
+        pairs = ((jaws[0] if a in jaws else a, jaws[0] if b in jaws else b) for a, b in self.self_pairs)
+        return tuple(dict.fromkeys(pairs))
+
+    @cached_property
+    def _covered(self) -> bool:
+        """Whether capsules hold all that moves: not where something is moved by joints that are not the arm's."""
+        capsules = link_capsules(self.robot)
+        moving = {name for name, joint in zip(capsules.link, capsules.joint, strict=True) if joint >= 0}
+        return {self._links[i] for i in self._moving if i not in self._jaw_shapes} <= moving
+
     def scene(
         self,
         obstacles: Mapping[str, tuple[Shape, Pose]] | None = None,
@@ -170,6 +186,7 @@ class CollisionModel:
 
     def _hand_shapes(self, shapes: Sequence[Any]) -> frozenset[int]:
         jaws = {self._model.getJointId(name) for name in self._finger_joints()}
+        self._jaw_shapes = frozenset(i for i, g in enumerate(shapes) if g.parentJoint in jaws)
         frames = [self._model.frames[self._model.getFrameId(name)] for name in self._finger_joints()]
         carriers = {frame.parentFrame for frame in frames}
         return frozenset(
@@ -246,7 +263,8 @@ class CollisionScene:
             raise InvalidValue("collision margin", margin, "0 to 1 m")
         if TABLE in obstacles:
             raise InvalidValue("obstacle name", TABLE, "any name but that of the table")
-        self._arm = model
+        self._arm, self._margin = model, margin
+        self._obstacles, self._table_height = obstacles, table_height
         self._geometry = model._hulls.copy()
         self._pairs: list[_Pair] = []
         self._hand_pairs: dict[str, list[int]] = {}
@@ -291,19 +309,70 @@ class CollisionScene:
             InvalidValue: a posture or an opening is not finite, of the wrong shape or out of range.
         """
         q = np.atleast_2d(self._arm.robot.checked(q))
-        full = self._arm._full_postures(q, opening)
         names = [None] * len(q) if hand_may_touch is None else hand_may_touch
         allowed = np.array([name or "" for name in names])
         if allowed.shape != (len(q),):
             raise InvalidValue("hand_may_touch", allowed.shape, f"shape ({len(q)},), one entry per posture")
-        contacts = self._checker.first_contacts(full)
+        world, own = self._certainly_clear(q, allowed)
+        reason = np.full(len(q), "", dtype=object)
+        # A given opening is looked at even where the capsules, which hold the fingers at any, tell enough.
+        some = np.flatnonzero(~(world & own)) if opening is None else np.arange(len(q))
+        if len(some):
+            full = self._arm._full_postures(q[some], opening)
+            reason[some] = self._reasons(full, allowed[some], world[some], own[some])
+        return Clearance(reason == "", reason)
+
+    def _reasons(self, full: Array, allowed: np.ndarray, world: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Return the first contacts in words (N,); ``world`` and ``own`` are free already where they are true."""
+        contacts = self._world_contacts(full, allowed, np.flatnonzero(~world))
+        reason = self._checker.reasons[contacts]
+        rest = np.flatnonzero((contacts < 0) & ~own)
+        checker = self._arm._self_checker
+        reason[rest] = checker.reasons[checker.first_contacts(full[rest])]
+        return reason
+
+    def _world_contacts(self, full: Array, allowed: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Return the first contact (N,) with table or obstacles in some of the postures, -1 in the others."""
+        contacts = np.full(len(full), -1)
+        contacts[rows] = self._checker.first_contacts(full[rows])
         for name in set(allowed[contacts >= 0].tolist()) & set(self._hand_pairs):
             # Switching pairs off costs more than a posture: only those that met a permitted pair start over.
             pairs = self._hand_pairs[name]
-            rows = np.flatnonzero((allowed == name) & np.isin(contacts, pairs))
-            contacts[rows] = self._checker.first_contacts(full[rows], pairs)
-        reason = self._checker.reasons[contacts]
-        rest = np.flatnonzero(contacts < 0)
-        checker = self._arm._self_checker
-        reason[rest] = checker.reasons[checker.first_contacts(full[rest])]
-        return Clearance(reason == "", reason)
+            again = np.flatnonzero((allowed == name) & np.isin(contacts, pairs))
+            contacts[again] = self._checker.first_contacts(full[again], pairs)
+        return contacts
+
+    @cached_property
+    def capsules(self) -> ClearanceScene:
+        """The same scene made of capsules and boxes, which tells clearances in metres."""
+        arm = self._arm
+        return ClearanceScene(arm.robot, arm.capsule_pairs, self._obstacles, self._table_height)
+
+    @cached_property
+    def _level_links_clear(self) -> bool:
+        """Whether the links that never change their height are above the table, which their capsules do not tell."""
+        arm, capsules = self._arm, link_capsules(self._arm.robot, True)
+        links = {capsules.link[k] for k in level(arm.robot)}
+        if self._table_height is None or not links:
+            return True
+        data, geometry = arm._model.createData(), self._geometry.createData()
+        full = arm._full_postures(arm.robot.home[None], None)[0]
+        pinocchio.updateGeometryPlacements(arm._model, data, self._geometry, geometry, full)
+        shapes = [k for k in arm._moving if arm._links[k] in links]
+        return all(self._height_over_table(k, geometry) > self._margin + SAFE for k in shapes)
+
+    def _height_over_table(self, shape: int, placed: Any) -> float:
+        """Return the height of a shape over the table [m]."""
+        objects, table = self._geometry.geometryObjects, len(self._arm._links)
+        at = [coal.Transform3s(placed.oMg[k].rotation, placed.oMg[k].translation) for k in (shape, table)]
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        return coal.distance(objects[shape].geometry, at[0], objects[table].geometry, at[1], request, result)
+
+    def _certainly_clear(self, q: Array, allowed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which postures (N,) touch nothing of the world, and not themselves, as their capsules tell."""
+        if not (self._arm._covered and self._level_links_clear and self.capsules.compiled):
+            # Interpreted, the capsules take longer than the bodies themselves.
+            return np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)
+        found = self.capsules.measure(q, allowed, self._margin + 2.0 * SAFE)
+        own = (np.minimum(found.own, found.own_close) > SAFE) & self.capsules.tells_of_itself
+        return found.world > self._margin + SAFE, own

@@ -1,4 +1,4 @@
-"""Penalised manipulability M = S L: how far a posture is from singularities (S) and from joint limits (L).
+"""Penalised manipulability M: how far a posture is from singularities (S) and from joint limits (L).
 
 With the singular values σ of the Jacobian J (the min(6, n) greatest), S is one of
 
@@ -8,23 +8,36 @@ With the singular values σ of the Jacobian J (the min(6, n) greatest), S is one
 * ``inverse_condition``: least over greatest σ, in [0, 1];
 * ``minimum_singular_value``: least σ [m].
 
-The latter two compare metres with radians, so the angular rows of J are multiplied by a length first. L is
-one of, with lower and upper limits l and u,
+The latter two compare metres with radians, so the angular rows of J are multiplied by a length first. Joint limits
+multiply S by L, with lower and upper limits l and u one of
 
 * ``tsai``: (1 - exp(-k x)) / (1 - exp(-k)), x = Πᵢ 4 (qᵢ - lᵢ) (uᵢ - qᵢ) / (uᵢ - lᵢ)²: 1 in the middle of all
   ranges;
 * ``tsai_raw``: 1 - exp(-k x), x without the factors of four, as in Simox and MoveIt; after M.-J. Tsai, PhD
   thesis, Ohio State University, 1986;
-* ``none``: 1.
+* ``none``: 1;
 
-Joints without two limits take no part in L, and L = 0 at a limit and beyond. The definitions prefer different
-grasps, so a record of results names the one it used.
+or they enter the Jacobian before its singular values are taken. With H = Σᵢ (uᵢ - lᵢ)² / (4 (uᵢ - qᵢ) (qᵢ - lᵢ)),
+whose slope grows without bound towards the limits, column j is multiplied
+
+* ``chan_dubey``: by wⱼ = 1 / √(1 + |∂H/∂qⱼ|); T. F. Chan, R. V. Dubey, "A weighted least-norm solution based scheme
+  for avoiding joint limits for redundant joint manipulators", IEEE T-RA 11(2), 1995;
+* ``vahrenkamp``: by wⱼ only where the motion goes towards the nearer limit. For each of the 64 combinations of
+  signs γ of the tool's motion, entry (i, j) is multiplied where γᵢ Jᵢⱼ has the sign of that way; M is the least S of
+  all; N. Vahrenkamp, T. Asfour, G. Metta, G. Sandini, R. Dillmann, "Manipulability analysis", Humanoids 2012,
+  without its factor for obstacles (a clearance is a cost of its own here).
+
+Joints without two limits take no part, and M = 0 at a limit and beyond (but for ``none``; with the latter two where
+the arm loses a direction by it). The definitions prefer different grasps, so a record of results names the one it
+used; `DEFINITIONS` names the common ones.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from types import MappingProxyType
 
 import casadi
 import numpy as np
@@ -32,15 +45,14 @@ from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry.rotation import Array
+from optsc.robot.kernels import manipulability as parts
 from optsc.robot.kernels.kernel import BatchKernel, Kernel, build_batch_kernel, build_kernel
-from optsc.robot.kernels.kinematics import chain
 from optsc.robot.model import RobotModel
 
 SINGULARITY = ("yoshikawa", "inverse_condition", "minimum_singular_value")
-JOINT_LIMITS = ("tsai", "tsai_raw", "none")
-LOOP = 32
+JOINT_LIMITS = ("tsai", "tsai_raw", "chan_dubey", "vahrenkamp", "none")
+LOOP = 8
 """Postures in one compiled loop."""
-_TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -49,7 +61,7 @@ class Manipulability:
 
     Attributes:
         singularity: definition of S.
-        joint_limits: definition of L.
+        joint_limits: how joint limits count.
         k: steepness of L [-]; the raw form needs a greater one, 50 in Simox.
         length: what the angular rows are multiplied by [m], unless S is ``yoshikawa``.
     """
@@ -89,16 +101,20 @@ class Manipulability:
         else:
             gram, L = _grams(robot, self.joint_limits)(rows, shared=(self.k, self.length))
             size = min(6, robot.n)
-            squares = np.linalg.eigvalsh(gram.reshape(-1, size, size))[:, [0, -1]]
-            least, greatest = np.sqrt(np.maximum(squares, 0.0)).T
-            M = L[:, 0] * (least / greatest if self.singularity == "inverse_condition" else least)
+            matrices = gram.reshape(len(rows), gram.shape[1] // size**2, size, size)
+            squares = np.linalg.eigvalsh(matrices)[..., [0, -1]]
+            least, greatest = np.sqrt(np.maximum(np.moveaxis(squares, -1, 0), 0.0))
+            if self.singularity == "inverse_condition":
+                least = np.divide(least, greatest, out=np.zeros_like(least), where=greatest > 0.0)
+            M = L[:, 0] * least.min(axis=1)
         return M.reshape(q.shape[:-1])
 
     def gradient(self, robot: RobotModel, q: ArrayLike) -> Array:
         """Return dM/dq (n,) at a posture ``q`` (n,).
 
-        M has kinks: at singularities, at the limits, and where two singular values cross. There the result is
-        finite, and one of the slopes or between them.
+        M has kinks: at singularities, at the limits, in the middle between them where they enter the Jacobian, and
+        where two singular values or two hyperoctants change places. There the result is finite, and one of the
+        slopes or between them.
 
         Raises:
             InvalidValue: ``q`` is not finite or has a wrong shape.
@@ -106,96 +122,87 @@ class Manipulability:
         q = robot.checked(q)
         if q.ndim != 1:
             raise InvalidValue("shape of q", q.shape, f"({robot.n},)")
-        if self.singularity == "yoshikawa":
+        if self.singularity == "yoshikawa" and self.joint_limits != "vahrenkamp":
             return _product_slope(robot, self.joint_limits)(q, [self.k])[0]
         slopes = _slopes(robot, self.joint_limits)
-        scale = np.array([1.0] * 3 + [self.length] * 3)[:, None]
-        J, L, dL, _ = slopes(q, [self.k], np.zeros((6, robot.n)))
+        length = 1.0 if self.singularity == "yoshikawa" else self.length
+        scale = np.array([1.0] * 3 + [length] * 3)[:, None]
+        signs = self._worst_signs(slopes, q, scale)
+        J, L, dL, _ = slopes(q, [self.k], signs, np.zeros((6, robot.n)))
         U, sigma, Vt = np.linalg.svd(scale * J, full_matrices=False)
         S, weights = self._measure(sigma)
         # dσᵢ = uᵢᵀ dJ vᵢ, so dS = ⟨G, dJ⟩ with G = U diag(∂S/∂σ) Vᵀ; the scale of the rows goes into G.
-        dS = slopes(q, [self.k], scale * ((U * weights) @ Vt))[3]
+        dS = slopes(q, [self.k], signs, scale * ((U * weights) @ Vt))[3]
         return S * dL + L * dS
+
+    def _worst_signs(self, slopes: Kernel, q: Array, scale: Array) -> Array:
+        """Return the signs (6,) of the hyperoctant that M is taken from; any where there are none."""
+        octants = parts.HYPEROCTANTS.T
+        if self.joint_limits != "vahrenkamp":
+            return octants[0]
+        none = np.zeros((6, len(q)))
+        found = [scale * slopes(q, [self.k], signs, none)[0] for signs in octants]
+        values = [
+            self._measure(np.asarray(np.linalg.svd(J, compute_uv=False), dtype=float))[0] for J in found
+        ]
+        return octants[int(np.argmin(values))]
 
     def _measure(self, sigma: Array) -> tuple[float, Array]:
         """Return S and ∂S/∂σ for singular values in falling order."""
         weights = np.zeros(len(sigma))
+        if self.singularity == "yoshikawa":
+            others = np.where(np.eye(len(sigma), dtype=bool), 1.0, sigma)
+            return float(np.prod(sigma)), np.prod(others, axis=1)
         if self.singularity == "minimum_singular_value":
             weights[-1] = 1.0
             return float(sigma[-1]), weights
+        if sigma[0] == 0.0:
+            return 0.0, weights
         S = float(sigma[-1] / sigma[0])
         weights[-1] += 1.0 / sigma[0]
         weights[0] -= S / sigma[0]
         return S, weights
 
 
-def _distance_to_limits(robot: RobotModel, kind: str, q: casadi.SX, k: casadi.SX) -> casadi.SX:
-    """Return the expression of L."""
-    if kind == "none":
-        return casadi.SX(1)
-    x = casadi.SX(1)
-    for i in np.flatnonzero(robot.limits.bounded).tolist():
-        lower, upper = robot.limits.lower[i], robot.limits.upper[i]
-        # Each factor is cut off on its own: two joints beyond their limits must not make a positive product.
-        x *= casadi.fmax(0, (q[i] - lower) * (upper - q[i])) / (upper - lower) ** 2
-        x *= 4 if kind == "tsai" else 1
-    L = -casadi.expm1(-k * x)
-    return L / -casadi.expm1(-k) if kind == "tsai" else L
-
-
-def _product_of_singular_values(J: casadi.SX) -> casadi.SX:
-    """Return the product of the min(6, n) singular values, by Gram-Schmidt.
-
-    Against √det(J Jᵀ) this keeps its digits, and its derivatives, near singularities.
-    """
-    vectors = casadi.horzsplit(J.T) if J.shape[1] >= 6 else casadi.horzsplit(J)
-    product = casadi.SX(1)
-    while vectors:
-        # The tiny number keeps directions and derivatives finite where a vector vanishes.
-        norm = casadi.sqrt(casadi.dot(vectors[0], vectors[0]) + _TINY)
-        direction = vectors[0] / norm
-        vectors = [v - casadi.dot(direction, v) * direction for v in vectors[1:]]
-        product *= norm
-    return product
-
-
-def _penalised_product(robot: RobotModel, kind: str) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
-    """Return the symbols q and k, and the expression of M with Yoshikawa's S."""
-    q, k = casadi.SX.sym("q", robot.n), casadi.SX.sym("k")
-    J = chain(robot, q)[2]
-    return q, k, _product_of_singular_values(J) * _distance_to_limits(robot, kind, q, k)
+DEFINITIONS: Mapping[str, Manipulability] = MappingProxyType(
+    {
+        "yoshikawa": Manipulability(joint_limits="none"),
+        "yoshikawa-tsai": Manipulability(),
+        "yoshikawa-tsai-raw": Manipulability(joint_limits="tsai_raw", k=50.0),
+        "inverse-condition": Manipulability("inverse_condition", "none"),
+        "inverse-condition-tsai": Manipulability("inverse_condition"),
+        "simox": Manipulability.simox(),
+        "minimum-singular-value": Manipulability("minimum_singular_value", "none"),
+        "minimum-singular-value-tsai": Manipulability("minimum_singular_value"),
+        "chan-dubey": Manipulability("yoshikawa", "chan_dubey"),
+        "chan-dubey-inverse-condition": Manipulability("inverse_condition", "chan_dubey"),
+        "vahrenkamp": Manipulability("inverse_condition", "vahrenkamp"),
+        "vahrenkamp-volume": Manipulability("yoshikawa", "vahrenkamp"),
+    }
+)
+"""The common definitions by name, for studies that compare them; "yoshikawa-tsai" is the default."""
 
 
 @lru_cache(maxsize=32)
 def _products(robot: RobotModel, joint_limits: str) -> BatchKernel:
-    q, k, M = _penalised_product(robot, joint_limits)
+    if joint_limits == "vahrenkamp":
+        return build_batch_kernel(parts.least_product(robot), LOOP, shared=1)
+    q, k, M = parts.penalised_product(robot, joint_limits)
     return build_batch_kernel(casadi.Function("yoshikawa", [q, k], [M]), LOOP, shared=1)
 
 
 @lru_cache(maxsize=32)
 def _product_slope(robot: RobotModel, joint_limits: str) -> Kernel:
-    q, k, M = _penalised_product(robot, joint_limits)
+    q, k, M = parts.penalised_product(robot, joint_limits)
     slope = casadi.densify(casadi.gradient(M, q))
     return build_kernel(casadi.Function("yoshikawa_gradient", [q, k], [slope]))
 
 
 @lru_cache(maxsize=32)
 def _grams(robot: RobotModel, joint_limits: str) -> BatchKernel:
-    """Return the kernel q -> J Jᵀ, or Jᵀ J for fewer than six joints, with scaled angular rows, and L."""
-    q, k, length = casadi.SX.sym("q", robot.n), casadi.SX.sym("k"), casadi.SX.sym("length")
-    J = chain(robot, q)[2]
-    J = casadi.vertcat(J[:3, :], length * J[3:, :])
-    gram = J @ J.T if robot.n >= 6 else J.T @ J
-    L = casadi.densify(_distance_to_limits(robot, joint_limits, q, k))
-    function = casadi.Function("gram", [q, k, length], [casadi.densify(gram), L])
-    return build_batch_kernel(function, LOOP, shared=2)
+    return build_batch_kernel(parts.grams(robot, joint_limits), LOOP, shared=2)
 
 
 @lru_cache(maxsize=32)
 def _slopes(robot: RobotModel, joint_limits: str) -> Kernel:
-    """Return the kernel (q, k, G) -> J, L, dL/dq, d⟨G, J⟩/dq."""
-    q, k, G = casadi.SX.sym("q", robot.n), casadi.SX.sym("k"), casadi.SX.sym("G", 6, robot.n)
-    J, L = chain(robot, q)[2], _distance_to_limits(robot, joint_limits, q, k)
-    inner = casadi.dot(G, J)
-    outputs = [J, L, casadi.gradient(L, q), casadi.gradient(inner, q)]
-    return build_kernel(casadi.Function("slopes", [q, k, G], [casadi.densify(o) for o in outputs]))
+    return build_kernel(parts.slopes(robot, joint_limits))

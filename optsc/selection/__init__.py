@@ -3,6 +3,7 @@
 from optsc.selection.breakdown import CandidateRow
 from optsc.selection.clearance import GraspClearance
 from optsc.selection.costs import (
+    ClearanceLoss,
     GraspCost,
     JointTravel,
     ManipulabilityLoss,
@@ -13,6 +14,14 @@ from optsc.selection.costs import (
 )
 from optsc.selection.filters import AtMost, GraspFilter
 from optsc.selection.hysteresis import Hysteresis
+from optsc.selection.motion import StraightMotion
+from optsc.selection.predicted import (
+    StraightWay,
+    WayClearanceLoss,
+    WayLength,
+    WayManipulabilityLoss,
+    WaySpeed,
+)
 from optsc.selection.ranking import Ranking, Target
 from optsc.selection.reach import ReachTable, refresh, solve_reach
 from optsc.selection.rules import Cascade, Lexicographic, Rule, Stage, WeightedSum
@@ -23,6 +32,7 @@ __all__ = [
     "AtMost",
     "CandidateRow",
     "Cascade",
+    "ClearanceLoss",
     "GraspClearance",
     "GraspCost",
     "GraspFilter",
@@ -39,8 +49,14 @@ __all__ = [
     "ReachTable",
     "Rule",
     "Stage",
+    "StraightMotion",
+    "StraightWay",
     "Target",
     "Vetoed",
+    "WayClearanceLoss",
+    "WayLength",
+    "WayManipulabilityLoss",
+    "WaySpeed",
     "WeightedSum",
     "refresh",
     "solve_reach",

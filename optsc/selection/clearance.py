@@ -30,9 +30,18 @@ class GraspClearance:
 
     def __call__(self, q_grasp: Array, q_pregrasp: Array, candidates: Candidates) -> np.ndarray:
         """Return which rows (R,) are clear."""
-        clear = self.scene.clear(q_pregrasp).clear.copy()
-        rows = np.flatnonzero(clear)
-        targets = [candidates.object_names[int(candidates.object_index[r])] for r in rows]
-        if len(rows):
-            clear[rows] = self.scene.clear(q_grasp[rows], hand_may_touch=targets).clear
-        return clear
+        count = len(q_grasp)
+        targets = [candidates.object_names[k] for k in candidates.object_index.tolist()]
+        # One call for both: what is said twice costs twice.
+        both = np.concatenate([q_pregrasp, q_grasp])
+        clear = self.scene.clear(both, hand_may_touch=[*[None] * count, *targets]).clear
+        return clear[:count] & clear[count:]
+
+    def distances(self, q: Array, hand_may_touch: np.ndarray | None = None) -> Array:
+        """Return the clearances (R,) of postures (R, n) [m], at most `optsc.robot.clearance.HORIZON`.
+
+        They are those of capsules and boxes around the bodies, so they are never too large; links that are built
+        close together do not count. ``hand_may_touch`` (R,) names an object for each posture, "" for none.
+        """
+        found = self.scene.capsules.measure(q, hand_may_touch)
+        return np.minimum(found.own, found.world)

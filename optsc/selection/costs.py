@@ -12,7 +12,8 @@ import numpy as np
 
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.selection.grid import Situation
+from optsc.selection.columns import CLEARANCE, needed
+from optsc.selection.grid import Grid, Situation
 
 
 class GraspCost(ABC):
@@ -23,11 +24,13 @@ class GraspCost(ABC):
         unit: its unit; "-" for a plain number.
         resolution: keys that differ by less are ties. Far above rounding, far below anything that matters, so
             that the ranking does not hang on the last digit.
+        columns: names of what the reach table has to measure for it, see `optsc.selection.columns`.
     """
 
     name: str
     unit: str
     resolution: float = 1e-12
+    columns: frozenset[str] = frozenset()
 
     @abstractmethod
     def values(self, situation: Situation) -> Array:
@@ -40,6 +43,18 @@ class GraspCost(ABC):
     def describe(self, value: float) -> str:
         """Return a cost in words and numbers."""
         return f"{self.name} {value:.3g}" + ("" if self.unit == "-" else f" {self.unit}")
+
+
+class TableCost(GraspCost):
+    """A cost that follows from the reach table alone, and hence from the hand only by the twin that suits it."""
+
+    @abstractmethod
+    def per_twin(self, grid: Grid) -> Array:
+        """Return the cost (T, K, M) of every twin."""
+
+    def values(self, situation: Situation) -> Array:
+        """Return the cost (K, M) of the twins to use."""
+        return situation.chosen(self.per_twin(situation.grid))
 
 
 @dataclass(frozen=True)
@@ -79,7 +94,7 @@ class PositionDistance(GraspCost):
 
 
 @dataclass(frozen=True)
-class ManipulabilityLoss(GraspCost):
+class ManipulabilityLoss(TableCost):
     """-M, the penalised manipulability at the grasp's posture with its sign turned; a plain number.
 
     What it is made of is the business of the `optsc.selection.reach.Measure` that filled the table.
@@ -88,9 +103,9 @@ class ManipulabilityLoss(GraspCost):
     name = "manipulability"
     unit = "-"
 
-    def values(self, situation: Situation) -> Array:
-        """Return -M (K, M)."""
-        return -situation.chosen(situation.grid.manipulability)
+    def per_twin(self, grid: Grid) -> Array:
+        """Return -M (T, K, M)."""
+        return -grid.manipulability
 
     def describe(self, value: float) -> str:
         """Return M itself, which is better when higher."""
@@ -131,20 +146,27 @@ class PoseDistance(GraspCost):
 
     def key(self, situation: Situation) -> Array:
         """Return its square (K, M) [m^2]."""
-        grid, shape = situation.grid, situation.similarity.shape
-        offset = situation.position[:, None, None] - grid.positions
-        # A half turn changes the signs of x and y alone, which the squares do not see: any twin will do.
-        p = np.add.reduce(grid.rotations * offset[:, None], axis=0).reshape(3, -1)
-        # conj(q_i) q is linear in q_i: one matrix product for all candidates.
-        q = situation.chosen(grid.quaternions).reshape(4, -1)
-        w, *v = _left_conjugate(situation.quaternion) @ q
-        squares = np.square(v)
-        sine = np.sqrt(np.add.reduce(squares, axis=0))
-        # The rotation vector is v times angle / sine; where the sine is zero, so is v.
-        ratio = 2.0 * np.arctan2(sine, np.abs(w)) / np.maximum(sine, 1e-300)
+        if "pose" not in situation.shared:
+            situation.shared["pose"] = _squared_offsets(situation)
+        p, v = situation.shared["pose"]
         weights = self.length**2 * np.array(self.rotation)
-        total = np.array(self.position) @ np.square(p) + (weights @ squares) * np.square(ratio)
-        return total.reshape(shape)
+        return (np.array(self.position) @ p + weights @ v).reshape(situation.similarity.shape)
+
+
+def _squared_offsets(situation: Situation) -> tuple[Array, Array]:
+    """Return the squares of position (3, K M) [m^2] and rotation vector (3, K M) of the hand as grasps see it."""
+    grid = situation.grid
+    offset = situation.position[:, None, None] - grid.positions
+    # A half turn changes the signs of x and y alone, which the squares do not see: any twin will do.
+    p = np.add.reduce(grid.rotations * offset[:, None], axis=0).reshape(3, -1)
+    # conj(q_i) q is linear in q_i: one matrix product for all candidates.
+    q = situation.chosen(grid.quaternions).reshape(4, -1)
+    product = _left_conjugate(situation.quaternion) @ q
+    squares = np.square(product[1:])
+    sine = np.sqrt(np.add.reduce(squares, axis=0))
+    # The rotation vector is v times angle / sine; where the sine is zero, so is v.
+    ratio = 2.0 * np.arctan2(sine, np.abs(product[0])) / np.maximum(sine, 1e-300)
+    return np.square(p), squares * np.square(ratio)
 
 
 def _left_conjugate(q: Array) -> Array:
@@ -166,16 +188,50 @@ class JointTravel(GraspCost):
         return situation.chosen(np.maximum.reduce(travel, axis=0))
 
 
+def shortfall(clearance: Array, enough: float) -> Array:
+    """Return enough - min(clearance, enough): 0 where there is enough."""
+    return enough - np.minimum(clearance, enough)
+
+
 @dataclass(frozen=True)
-class QualityLoss(GraspCost):
+class ClearanceLoss(TableCost):
+    """How much the clearance at pre-grasp and grasp falls short of ``enough`` [m].
+
+    It saturates, so that of two grasps in free space neither is better: 0 from ``enough`` on.
+
+    Attributes:
+        enough: clearance from which more is worth nothing [m].
+    """
+
+    enough: float = 0.05
+
+    name = "clearance"
+    unit = "m"
+    columns = frozenset({CLEARANCE})
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.enough <= 0.2:
+            raise InvalidValue("enough", self.enough, "above 0, up to 0.2 m")
+
+    def per_twin(self, grid: Grid) -> Array:
+        """Return enough - min(clearance, enough) (T, K, M) [m]."""
+        return shortfall(grid.column(CLEARANCE), self.enough)
+
+    def describe(self, value: float) -> str:
+        """Return the clearance itself, which is better when higher."""
+        return f"{self.name} {'' if value > 0.0 else 'at least '}{self.enough - value:.3g} m"
+
+
+@dataclass(frozen=True)
+class QualityLoss(TableCost):
     """1 - quality [-] of the stored grasp."""
 
     name = "quality"
     unit = "-"
 
-    def values(self, situation: Situation) -> Array:
-        """Return 1 - quality (K, M)."""
-        return 1.0 - situation.grid.quality
+    def per_twin(self, grid: Grid) -> Array:
+        """Return 1 - quality (T, K, M)."""
+        return np.broadcast_to(1.0 - grid.quality, grid.status.shape)
 
     def describe(self, value: float) -> str:
         """Return the quality itself, which is better when higher."""
@@ -192,10 +248,24 @@ class SumOfCosts(GraspCost):
     unit = "-"
     resolution = 1e-9
 
+    @property
+    def columns(self) -> frozenset[str]:  # type: ignore[override]
+        """What the terms with a weight read."""
+        return needed(cost for cost, weight in self.terms if weight)
+
     def values(self, situation: Situation) -> Array:
         """Return the sum (K, M); a term of weight zero is not even computed."""
-        total = np.zeros(situation.similarity.shape)
+        grid = situation.grid
+        total = situation.chosen(grid.remembered(self.terms, self._of_the_table))
         for cost, weight in self.terms:
-            if weight != 0.0:
+            if weight != 0.0 and not isinstance(cost, TableCost):
                 total = total + weight * cost.values(situation)
+        return total
+
+    def _of_the_table(self, grid: Grid) -> Array:
+        """Return the part of the sum (T, K, M) that stays the same until the table changes."""
+        total = np.zeros(grid.status.shape)
+        for cost, weight in self.terms:
+            if weight != 0.0 and isinstance(cost, TableCost):
+                total += weight * cost.per_twin(grid)
         return total

@@ -15,7 +15,13 @@ from optsc.selection.grid import Situation
 
 
 class GraspFilter(ABC):
-    """A mask with a reason."""
+    """A mask with a reason.
+
+    Attributes:
+        columns: names of what the reach table has to measure for it, see `optsc.selection.columns`.
+    """
+
+    columns: frozenset[str] = frozenset()
 
     @property
     @abstractmethod
@@ -33,6 +39,11 @@ class AtMost(GraspFilter):
 
     cost: GraspCost
     limit: float
+
+    @property
+    def columns(self) -> frozenset[str]:  # type: ignore[override]
+        """What the cost reads."""
+        return self.cost.columns
 
     @property
     def reason(self) -> str:

@@ -7,6 +7,7 @@ array operation each; shorter lines are padded with places that are never admiss
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.errors import UnknownName
 from optsc.geometry import rotation
 from optsc.geometry.rotation import Array
 from optsc.selection.reach import REACHED, ReachTable
@@ -90,6 +92,8 @@ class Grid:
     def __init__(self, table: ReachTable) -> None:
         self.layout = Layout.of(table.candidates)
         self.table = table
+        self._columns: dict[str, Array] = {}
+        self._remembered: dict[int, tuple[object, Array]] = {}
         self.positions = _components_first(self.layout.spread(table.X_WG.translation[:, 0]))
         quaternions = self._per_twin(table.X_WG.quaternion, [1.0, 0.0, 0.0, 0.0])
         self.quaternions = _components_first(quaternions)
@@ -101,7 +105,7 @@ class Grid:
         """Return the grid of a table of the same candidates, some of whose rows were solved anew."""
         grid = copy.copy(self)
         grid.__dict__.pop("q_grasp", None)
-        grid.table = table
+        grid.table, grid._columns, grid._remembered = table, {}, {}
         grid._read_status()
         return grid
 
@@ -129,6 +133,26 @@ class Grid:
         return _components_first(self._per_twin(self.table.q_grasp))
 
     @cached_property
+    def pregrasp_positions(self) -> Array:
+        """Positions (3, K, M) of the pre-grasps; twins share them [m]."""
+        return _components_first(self.layout.spread(self.table.X_WP.translation[:, 0]))
+
+    def column(self, name: str) -> Array:
+        """Return a column (T, K, M) of the table; raise `UnknownName` where it was not asked for."""
+        if name not in self._columns:
+            if name not in self.table.columns:
+                raise UnknownName("column of the reach table", name, self.table.columns)
+            self._columns[name] = self._per_twin(self.table.columns[name])
+        return self._columns[name]
+
+    def remembered(self, key: object, compute: Callable[[Grid], Array]) -> Array:
+        """Return ``compute(self)``, from the second call with the very same ``key`` object on without computing."""
+        # The key itself is kept, so that its number cannot become another's.
+        if id(key) not in self._remembered:
+            self._remembered[id(key)] = key, compute(self)
+        return self._remembered[id(key)][1]
+
+    @cached_property
     def quality(self) -> Array:
         """Quality of the grasps (K, M), in [0, 1]."""
         return self.layout.spread(self.table.candidates.quality)
@@ -150,6 +174,7 @@ class Situation(NamedTuple):
             twins.
         similarity: (K, M) |q . q_i| in [0, 1] of the twin to use: cosine of half the angle between hand and
             grasp.
+        shared: what several costs need of this situation, by name, kept by the first that works it out.
     """
 
     grid: Grid
@@ -158,6 +183,7 @@ class Situation(NamedTuple):
     q: Array
     turned: np.ndarray | None
     similarity: Array
+    shared: dict[str, tuple[Array, ...]]
 
     def chosen(self, per_twin: np.ndarray) -> np.ndarray:
         """Return of values (..., T, K, M) those of the twin to use (..., K, M)."""
@@ -173,7 +199,8 @@ def situate(grid: Grid, quaternion: Array, position: Array, q: Array) -> Situati
     """
     similarity = np.abs(quaternion @ grid._flat_quaternions).reshape(grid.status.shape)
     if len(similarity) == 1:
-        return Situation(grid, quaternion, position, q, None, similarity[0])
+        return Situation(grid, quaternion, position, q, None, similarity[0], {})
     score = similarity - grid._handicap
     turned = score[1] > score[0] + TWIN_TOLERANCE
-    return Situation(grid, quaternion, position, q, turned, np.where(turned, similarity[1], similarity[0]))
+    nearer = np.where(turned, similarity[1], similarity[0])
+    return Situation(grid, quaternion, position, q, turned, nearer, {})

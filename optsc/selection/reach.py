@@ -7,9 +7,10 @@ manipulability of a row is the one at the posture that would be driven to.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,13 +18,17 @@ from numpy.typing import ArrayLike
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.selection import columns as column
+from optsc.selection.columns import Measure, RowsToMeasure
+from optsc.selection.motion import StraightMotion
+from optsc.selection.reuse import rows_at_the_same_place
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
     from optsc.robot import RobotModel
 
-REACHED, UNREACHABLE, PREGRASP_UNREACHABLE, COLLISION = range(4)
-REASONS = ("", "unreachable", "pre-grasp unreachable", "collision")
+REACHED, UNREACHABLE, PREGRASP_UNREACHABLE, COLLISION, NO_STRAIGHT_APPROACH = range(5)
+REASONS = ("", "unreachable", "pre-grasp unreachable", "collision", "no straight approach")
 """Why a row cannot be used, in words, by its status."""
 
 HALF_TURN = Pose.from_quaternion([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0])
@@ -34,13 +39,6 @@ SolveIk: TypeAlias = Callable[[Pose, Array], Any]
 with postures (R, n) and success (R,)."""
 ClearRows: TypeAlias = Callable[[Array, Array, "Candidates"], np.ndarray]
 """Collision check ``clear(q_grasp, q_pregrasp, candidates)`` of R rows: postures (R, n), result (R,) bool."""
-
-
-class Measure(Protocol):
-    """How well the arm can move: `optsc.robot.manipulability.Manipulability`, or anything alike."""
-
-    def evaluate(self, robot: RobotModel, q: Array) -> Array:
-        """Return the measure (...) at postures ``q`` (..., n); higher is better."""
 
 
 def _frozen(values: ArrayLike) -> np.ndarray:
@@ -67,6 +65,7 @@ class ReachTable:
         status: (N, T), see `REASONS`.
         manipulability: at the grasps (N, T), 0 where not reached.
         seed: (N, T, n), the posture of the arm from which the row was solved.
+        columns: what else was asked for, by name (`optsc.selection.columns`), each (N, T); 0 where not reached.
     """
 
     candidates: Candidates
@@ -78,10 +77,13 @@ class ReachTable:
     status: np.ndarray
     manipulability: Array
     seed: Array
+    columns: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("q_grasp", "q_pregrasp", "status", "manipulability", "seed"):
             object.__setattr__(self, name, _frozen(getattr(self, name)))
+        columns = {name: _frozen(values) for name, values in self.columns.items()}
+        object.__setattr__(self, "columns", MappingProxyType(columns))
 
     @property
     def twins(self) -> int:
@@ -113,6 +115,17 @@ def _twin_poses(candidates: Candidates) -> Pose:
     )
 
 
+class _Tools(NamedTuple):
+    """What rows are solved and judged with; see `solve_reach`."""
+
+    robot: RobotModel
+    solve: SolveIk
+    manipulability: Measure
+    clear: ClearRows | None
+    motion: StraightMotion | None
+    columns: frozenset[str]
+
+
 def solve_reach(
     robot: RobotModel,
     candidates: Candidates,
@@ -122,6 +135,10 @@ def solve_reach(
     manipulability: Measure,
     standoff: float = 0.10,
     clear: ClearRows | None = None,
+    motion: StraightMotion | None = None,
+    columns: frozenset[str] = frozenset(),
+    known: ReachTable | None = None,
+    refresh_angle: float = 0.1,
 ) -> ReachTable:
     """Return the reach table of all candidates as seen from the arm's posture.
 
@@ -134,13 +151,21 @@ def solve_reach(
         standoff: distance of the pre-grasp before the grasp [m]; X_WP = X_WG moved back along the approach
             axis.
         clear: collision check of rows that IK reached; None checks nothing.
+        motion: how the tool is led. With it rows have to be approached on a straight line, posture by posture;
+            None asks only for a posture at both its ends.
+        columns: what else to measure, names of `optsc.selection.columns`.
+        known: an older table. What it has of grasps that have not moved, solved from a posture no more than
+            ``refresh_angle`` [rad] away, is taken over; only what depends on other objects is judged anew.
+        refresh_angle: see ``known``.
 
     Raises:
-        InvalidValue: a posture that is not finite, or a negative standoff.
+        InvalidValue: a posture that is not finite, a negative standoff, or a column that cannot be measured with
+            what is given.
     """
     if not 0.0 <= standoff < np.inf:
         raise InvalidValue("standoff", standoff, "0 m or more")
-    posture = np.asarray(q, dtype=float)
+    tools = _Tools(robot, solve, manipulability, clear, motion, column.checked(columns, motion, clear))
+    posture = _checked(q)
     X_WG = _twin_poses(candidates)
     seed = np.broadcast_to(posture, (*X_WG.shape, posture.shape[-1]))
     table = ReachTable(
@@ -153,9 +178,16 @@ def solve_reach(
         status=np.full(X_WG.shape, UNREACHABLE, dtype=np.int8),
         manipulability=np.zeros(X_WG.shape),
         seed=seed,
+        columns={name: np.zeros(X_WG.shape) for name in columns},
     )
     rows = np.arange(table.rows)
-    return refresh(table, rows, posture, robot=robot, solve=solve, manipulability=manipulability, clear=clear)
+    if known is not None and known.standoff == standoff and known.twins == table.twins:
+        same, of_old = rows_at_the_same_place(known, table)
+        gap = np.abs(known.seed.reshape(-1, len(posture))[of_old] - posture).max(axis=1, initial=0.0)
+        near = gap <= refresh_angle
+        table = _taken_over(table, same[near], known, of_old[near], tools)
+        rows = np.setdiff1d(rows, same[near])
+    return _solved_anew(table, rows, posture, tools)
 
 
 def refresh(
@@ -167,44 +199,125 @@ def refresh(
     solve: SolveIk,
     manipulability: Measure,
     clear: ClearRows | None = None,
+    motion: StraightMotion | None = None,
 ) -> ReachTable:
     """Return a new table in which some rows (R,) were solved anew from the posture ``q`` (n,) [rad].
 
-    What is found replaces what was known, also when a row is no longer reached. Raises `InvalidValue` for a
-    posture that is not finite.
+    What is found replaces what was known, also when a row is no longer reached, and in all columns that the table
+    has. Raises `InvalidValue` for a posture that is not finite.
     """
-    posture, rows = np.asarray(q, dtype=float), np.asarray(rows, dtype=np.int64)
-    if posture.ndim != 1 or not np.all(np.isfinite(posture)):
+    tools = _Tools(robot, solve, manipulability, clear, motion, frozenset(table.columns))
+    return _solved_anew(table, np.asarray(rows, dtype=np.int64), _checked(q), tools)
+
+
+def _checked(q: ArrayLike) -> Array:
+    posture = np.asarray(q, dtype=float)
+    if posture.ndim != 1 or not np.isfinite(posture).all():
         raise InvalidValue("q", posture.tolist(), "finite, shape (n,) [rad]")
-    n = len(posture)
-    q_pregrasp = np.tile(posture, (len(rows), 1))
+    return posture
+
+
+class _Found(NamedTuple):
+    """Postures (R, n) of some rows, and what became of them (R,)."""
+
+    q_grasp: Array
+    q_pregrasp: Array
+    status: np.ndarray
+
+
+def _solved_anew(table: ReachTable, rows: np.ndarray, posture: Array, tools: _Tools) -> ReachTable:
+    if not len(rows):
+        return table
+    seeds = np.repeat(posture[None], len(rows), axis=0)
+    return _judged(table, rows, _followed(table, rows, posture, tools), seeds, tools)
+
+
+def _followed(table: ReachTable, rows: np.ndarray, posture: Array, tools: _Tools) -> _Found:
+    """Return the postures of rows that the arm gets to from ``posture``."""
+    q_pregrasp = np.repeat(posture[None], len(rows), axis=0)
     status = np.full(len(rows), PREGRASP_UNREACHABLE, dtype=np.int8)
-    found, solution = _solved(solve, _flat(table.X_WP, rows), posture)
+    found, solution = _solved(tools.solve, _flat(table.X_WP, rows), posture)
     q_pregrasp[found] = solution[found]
     q_grasp = q_pregrasp.copy()
     status[found] = UNREACHABLE
-    reached, solution = _solved(solve, _flat(table.X_WG, rows[found]), q_pregrasp[found])
+    if tools.motion is not None and len(found):
+        # The posture at the end of the line is the one the arm would have; another solution would not do.
+        end, gone = tools.motion.approach(q_pregrasp[found], _flat(table.X_WP, rows[found]), table.standoff)
+        q_grasp[found[gone]] = end[gone]
+        status[found[gone]] = REACHED
+        found = found[~gone]
+    reached, solution = _solved(tools.solve, _flat(table.X_WG, rows[found]), q_pregrasp[found])
     q_grasp[found[reached]] = solution[reached]
-    found = found[reached]
-    status[found] = REACHED
-    if clear is not None and len(found):
-        subset = _row_candidates(table, rows[found])
-        free = np.asarray(clear(q_grasp[found], q_pregrasp[found], subset), dtype=bool)
-        status[found[~free]] = COLLISION
-        found = found[free]
+    status[found[reached]] = REACHED if tools.motion is None else NO_STRAIGHT_APPROACH
+    return _Found(q_grasp, q_pregrasp, status)
+
+
+def _taken_over(
+    table: ReachTable, rows: np.ndarray, known: ReachTable, of_old: np.ndarray, tools: _Tools
+) -> ReachTable:
+    """Return the table with the postures that are known of some rows, judged in the scene as it is now."""
+    if not len(rows):
+        return table
+    n = known.seed.shape[-1]
+    q_grasp, q_pregrasp, seeds = (
+        values.reshape(-1, n)[of_old] for values in (known.q_grasp, known.q_pregrasp, known.seed)
+    )
+    status = known.status.ravel()[of_old]
+    # What collided was reached, and may be clear now.
+    status = np.where(status == COLLISION, REACHED, status).astype(np.int8)
+    return _judged(table, rows, _Found(q_grasp, q_pregrasp, status), seeds, tools)
+
+
+def _judged(table: ReachTable, rows: np.ndarray, found: _Found, seeds: Array, tools: _Tools) -> ReachTable:
+    """Return the table with what was found for some rows, checked for collisions and measured."""
+    q_grasp, q_pregrasp, status = found
+    usable = np.flatnonzero(status == REACHED)
+    if tools.clear is not None and len(usable):
+        subset = _row_candidates(table, rows[usable])
+        free = np.asarray(tools.clear(q_grasp[usable], q_pregrasp[usable], subset), dtype=bool)
+        status[usable[~free]] = COLLISION
+        usable = usable[free]
     M = np.zeros(len(rows))
-    if len(found):
-        M[found] = manipulability.evaluate(robot, q_grasp[found])
+    if len(usable):
+        M[usable] = tools.manipulability.evaluate(tools.robot, q_grasp[usable])
     # A measure that is not a number (an overflow at the edge of the model) is no reason to prefer a grasp.
     M[~np.isfinite(M)] = 0.0
+    n = seeds.shape[1]
     return replace(
         table,
         q_grasp=_with_rows(table.q_grasp, rows, q_grasp, (-1, n)),
         q_pregrasp=_with_rows(table.q_pregrasp, rows, q_pregrasp, (-1, n)),
         status=_with_rows(table.status, rows, status, (-1,)),
         manipulability=_with_rows(table.manipulability, rows, M, (-1,)),
-        seed=_with_rows(table.seed, rows, posture, (-1, n)),
+        seed=_with_rows(table.seed, rows, seeds, (-1, n)),
+        columns=_measured(table, rows, found, seeds, usable, tools) if tools.columns else {},
     )
+
+
+def _measured(
+    table: ReachTable, rows: np.ndarray, found: _Found, seeds: Array, usable: np.ndarray, tools: _Tools
+) -> dict[str, Array]:
+    """Return the columns of the table with the ``usable`` ones of some rows measured."""
+    measured: dict[str, Array] = {}
+    if len(usable):
+        candidates, which = table.candidates, rows[usable]
+        names = np.array(candidates.object_names)[candidates.object_index[which // table.twins]]
+        asked = RowsToMeasure(
+            tools.robot,
+            seeds[usable],
+            found.q_pregrasp[usable],
+            found.q_grasp[usable],
+            _flat(table.X_WP, which),
+            _flat(table.X_WG, which),
+            names,
+        )
+        measured = column.measure(tools.columns, asked, tools.manipulability, tools.motion, tools.clear)
+    columns = {}
+    for name in tools.columns:
+        values = np.zeros(len(rows))
+        values[usable] = measured.get(name, 0.0)
+        columns[name] = _with_rows(table.columns[name], rows, values, (-1,))
+    return columns
 
 
 def _solved(solve: SolveIk, X_WT: Pose, seeds: Array) -> tuple[np.ndarray, Array]:

@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.selection import columns
 from optsc.selection.filters import GraspFilter
 from optsc.selection.grid import Grid, Situation
 from optsc.selection.hysteresis import Hysteresis, Viewpoint
+from optsc.selection.motion import StraightMotion
 from optsc.selection.ranking import Inputs, Ranking, decide
 from optsc.selection.reach import ClearRows, Measure, ReachTable, SolveIk, refresh, solve_reach
 from optsc.selection.rules import Cascade, Rule
@@ -61,6 +63,7 @@ class GraspSelector:
         standoff: float = 0.10,
         filters: Sequence[GraspFilter] = (),
         hysteresis: Hysteresis | None = None,
+        motion: StraightMotion | None = None,
         refresh_angle: float = 0.1,
         refresh_limit: int = 6,
     ) -> None:
@@ -74,6 +77,7 @@ class GraspSelector:
             standoff: distance from the pre-grasp to the grasp along the approach axis [m].
             filters: which candidates may be ranked, besides reachability.
             hysteresis: how far hand and arm move before the ranking takes notice; None for at once.
+            motion: how the tool is led to a grasp, see `optsc.selection.reach.solve_reach`.
             refresh_angle: how far a joint may be [rad] from where a finalist was solved before it is solved
                 again.
             refresh_limit: rows solved again in one call of `rank`, at most.
@@ -96,6 +100,8 @@ class GraspSelector:
         self.ranking: Ranking | None = None
         self._manipulability, self._solve, self._standoff = manipulability, solve, standoff
         self._refresh_angle, self._refresh_limit = refresh_angle, refresh_limit
+        self._motion = motion
+        self._columns = columns.needed((*self.rule.costs, *self.filters))
         self._clear: ClearRows | None = None
         self._grid: Grid | None = None
         self.forget()
@@ -122,11 +128,18 @@ class GraspSelector:
         """The candidates in use."""
         return None if self._grid is None else self._grid.table.candidates
 
-    def observe(self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None) -> ReachTable:
+    def observe(
+        self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None, reuse: bool = True
+    ) -> ReachTable:
         """Solve, keep and return the reach table of ``candidates``, seen from the posture ``q`` (n,) [rad].
 
         To be called when an object moved or grasps were stored; ``clear`` checks rows for collisions in this
-        scene. Raises `InvalidValue` for a posture that is not finite.
+        scene. Grasps that have not moved, while no joint did by more than ``refresh_angle``, are not solved again
+        but only judged in the new scene; with ``reuse`` off all are, so that nothing depends on what came before.
+
+        Raises:
+            InvalidValue: a posture that is not finite, or a column that the rule or a filter reads and that cannot
+                be measured without ``clear`` or without a motion.
         """
         table = solve_reach(
             self.robot,
@@ -136,12 +149,21 @@ class GraspSelector:
             manipulability=self._manipulability,
             standoff=self._standoff,
             clear=clear,
+            motion=self._motion,
+            columns=self._columns,
+            known=self.table if reuse else None,
+            refresh_angle=self._refresh_angle,
         )
         self.use(table, clear=clear)
         return table
 
     def use(self, table: ReachTable, *, clear: ClearRows | None = None) -> None:
-        """Keep a table that was solved elsewhere, and the collision check of its scene."""
+        """Keep a table that was solved elsewhere, and the collision check of its scene.
+
+        Raises `InvalidValue` where it lacks a column that the rule or a filter reads.
+        """
+        if missing := self._columns - set(table.columns):
+            raise InvalidValue("columns of the table", sorted(table.columns), f"also {sorted(missing)}")
         self._grid, self._clear = Grid(table), clear
 
     def rank(
@@ -218,6 +240,7 @@ class GraspSelector:
             solve=self._solve,
             manipulability=self._manipulability,
             clear=self._clear,
+            motion=self._motion,
         )
 
     def refresh_oldest(self, q: ArrayLike, limit: int) -> int:

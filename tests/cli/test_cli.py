@@ -53,3 +53,15 @@ def test_grasps_are_built_shown_and_kept(capsys, tmp_path):
 def test_a_folder_without_grasps_is_an_error(capsys, tmp_path):
     assert main(["grasps", "show", str(tmp_path / "nowhere")]) == 1
     assert "nowhere" in capsys.readouterr().err
+
+
+def test_the_doctor_prints_what_compiling_changes(capsys, monkeypatch):
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    if "compiler: none" not in said:
+        lines = [line for line in said.splitlines() if "results differ by" in line]
+        assert [float(line.split("differ by ")[1].split()[0]) <= 1e-9 for line in lines] == [True] * 5
+        assert all(" times; " in line for line in lines)
+    monkeypatch.setenv("OPTSC_COMPILER", "none")
+    assert main(["doctor", "--robot", "ur5"]) == 0
+    assert "kernels of the ur5: interpreted" in capsys.readouterr().out

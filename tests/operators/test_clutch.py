@@ -1,5 +1,7 @@
 """The clutch against the paper's formulas, and its law: coupling never moves the target."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,7 +58,7 @@ def test_engaging_releasing_or_re_engaging_the_clutch_never_moves_the_target(see
 def test_position_follows_the_papers_formula(seed):
     rng = np.random.default_rng(seed)
     R_WS = rotation.random(rng)
-    settings = ClutchSettings(R_WS=tuple(R_WS))
+    settings = ClutchSettings(R_WS=tuple(R_WS), fade=0.0)
     first, p0 = random_hand(rng, 0.0), rng.normal(size=3)
     state = engage(settings, first, tuple(p0), (1.0, 0.0, 0.0, 0.0))
     for k in range(1, 6):
@@ -125,17 +127,39 @@ def test_a_relative_rotation_is_scaled_and_goes_beyond_half_a_turn():
     assert rotation.angle(state.tool_q, rotation.exp([0, 0, 2.5])) < 1e-9
 
 
-def test_motion_fades_in_after_the_clutch_has_closed_and_then_counts_in_full():
-    settings = ClutchSettings(fade=0.3)
+@given(seeds)
+def test_once_the_motion_has_faded_in_the_mapping_is_the_papers_again(seed):
+    rng = np.random.default_rng(seed)
+    relative = rng.random() < 0.5
+    fading = ClutchSettings(
+        scale=rng.uniform(0.1, 3), orientation="relative" if relative else "absolute", fade=0.3
+    )
+    plain = replace(fading, fade=0.0)
+    hand = random_hand(rng, 1.0)
+    p, q = tuple(rng.normal(size=3)), tuple(rotation.random(rng))
+    held, free = engage(fading, hand, p, q), engage(plain, hand, p, q)
+    for stamp in (1.01, 1.1, 1.2, 1.31, 1.5):
+        hand = random_hand(rng, stamp)
+        held, free = follow(fading, held, hand), follow(plain, free, hand)
+    np.testing.assert_allclose(held.tool_p, free.tool_p, atol=1e-9)
+    assert rotation.angle(held.tool_q, free.tool_q) < 1e-6
+
+
+@pytest.mark.parametrize("orientation", ["absolute", "relative"])
+def test_a_moving_hand_sets_the_target_in_motion_from_rest_and_no_faster_than_four_thirds_of_its_own(
+    orientation,
+):
+    settings, steps = ClutchSettings(fade=0.3, orientation=orientation), []
     state = engage(settings, Hand((0, 0, 0), (1.0, 0, 0, 0), 1.0), (0, 0, 0), (1.0, 0, 0, 0))
-    steps = []
-    for k in range(1, 91):
+    for k in range(1, 301):
         before = state.tool_p[0]
-        state = follow(settings, state, Hand((0.003 * k, 0, 0), (1.0, 0, 0, 0), 1.0 + k / 90))
+        state = follow(settings, state, Hand((1e-3 * k, 0, 0), (1.0, 0, 0, 0), 1.0 + k / 500))
         steps.append(state.tool_p[0] - before)
-    assert steps[0] < 0.05 * 0.003
-    assert steps[13] == pytest.approx(0.5 * 0.003, rel=0.1)
-    np.testing.assert_allclose(steps[27:], 0.003)
+    assert 0.0 < steps[0] < 0.02 * 1e-3
+    assert np.abs(np.diff(steps)).max() < 1.1 * 4.0 / 0.3 / 500 * 1e-3
+    assert max(steps) == pytest.approx(4 / 3 * 1e-3, rel=1e-3)
+    np.testing.assert_allclose(steps[150:], 1e-3)
+    assert state.tool_p[0] == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(

@@ -167,3 +167,36 @@ def test_what_is_not_there_is_refused():
     ):
         with pytest.raises(InvalidValue):
             HumanParameters(**wrong)
+
+
+def test_who_was_helped_to_the_grasp_closes_the_jaws_there_without_insisting_on_the_way():
+    """A tool that glides to the grasp by itself, as under strong assistance, whatever the hand does."""
+    operator = Simulated(1, [Reach("can")], by_hand=True)
+    pressed = None
+    for tick in range(round(12.0 * 90)):
+        time = tick / 90
+        X = START.interpolate(GRASPS["can"], min(1.0, time / 4.0))
+        sample = operator.read(OperatorView(time, X, False, False, OBJECTS, GRASPS))
+        if sample.trigger:
+            pressed = time
+            break
+    assert pressed is not None
+    assert 4.0 <= pressed < 9.0
+
+
+def test_after_the_robot_was_halted_the_person_lets_go_and_takes_hold_again():
+    operator = Simulated(0, [Reach("can")], human=HumanParameters(corrections=0, attempts=0))
+    clutches, automatic, began = [], False, None
+    for tick in range(round(8.0 * 90)):
+        time = tick / 90
+        if began is not None and time - began > 0.8:
+            automatic = False
+        sample = operator.read(OperatorView(time, START, automatic, False, OBJECTS, GRASPS))
+        if sample.trigger and began is None:
+            automatic, began = True, time
+        clutches.append(sample.clutch)
+    open_at = [k / 90 for k, clutch in enumerate(clutches) if not clutch]
+    assert began is not None
+    assert open_at
+    assert 0.8 < open_at[0] - began < 1.0
+    assert clutches[-1]

@@ -1,6 +1,7 @@
 """Compiled kinematics: equal to pinocchio, compiled or not, and safe against everything that befalls a cache."""
 
 import gc
+import os
 import subprocess
 import sys
 import threading
@@ -21,8 +22,10 @@ from optsc.robot.kernels import (
     jacobian,
     kinematics,
 )
+from optsc.robot.kernels.comparison import compare_kernels
 from optsc.robot.kernels.inverse import rotation_matrix, rotation_vector
 from optsc.robot.kernels.reach import reach
+from optsc.robot.kernels.walk import DAMPING, FLOOR, LENGTH, _newton
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 
@@ -79,6 +82,50 @@ def test_symbolic_kinematics_equal_those_of_pinocchio(robot):
         np.testing.assert_allclose(p[:, 0], X_WT.translation, atol=1e-14)
         np.testing.assert_allclose(J, robot.jacobian(q), atol=1e-14)
         assert [v.full().tolist() for v in (*forward(q), slopes(q))] == [v.tolist() for v in (R, p, J)]
+
+
+def test_the_jacobian_equals_differences_of_pinocchios_kinematics(robot):
+    slopes, h = jacobian(robot), 1e-6
+    for q in robot.random_posture(np.random.default_rng(6), (5,)):
+        ahead, back = robot.forward(q + h * np.eye(robot.n)), robot.forward(q - h * np.eye(robot.n))
+        linear = (ahead.translation - back.translation) / (2 * h)
+        turn = rotation.log(rotation.multiply(ahead.quaternion, rotation.conjugate(back.quaternion))) / (
+            2 * h
+        )
+        np.testing.assert_allclose(slopes(q).full(), np.hstack([linear, turn]).T, atol=1e-8)
+
+
+def test_one_step_along_a_line_is_the_damped_step_of_pinocchios_jacobian(robot):
+    newton, rng = build_kernel(_newton(robot)), np.random.default_rng(7)
+    n, W = robot.n, np.diag([1.0] * 3 + [LENGTH**2] * 3)
+    free = np.repeat([-np.inf, np.inf], n)
+    for _ in range(10):
+        q, away = robot.random_posture(rng), rng.normal(size=n)
+        X_WT, X_goal = robot.forward(q), robot.forward(q + 0.02 * away)
+        turn = rotation.log(rotation.multiply(X_goal.quaternion, rotation.conjugate(X_WT.quaternion)))
+        e, J = np.concatenate([X_goal.translation - X_WT.translation, turn]), robot.jacobian(q)
+        damping = DAMPING * e @ W @ e + FLOOR
+        step = np.linalg.solve(J.T @ W @ J + damping * np.eye(n), J.T @ W @ e)
+        goal = np.concatenate([X_goal.quaternion, X_goal.translation])
+        here = np.concatenate([X_WT.quaternion, X_WT.translation])
+        (there,) = newton(np.r_[q, q, np.inf], goal, here, [1e-9], free)
+        np.testing.assert_allclose(there[:n] - q, step, rtol=1e-6, atol=1e-7)
+        assert there[2 * n] == pytest.approx(np.abs(e).max(), abs=1e-9)
+        # A posture that is at its target is on its way to the next one.
+        (onward,) = newton(np.r_[q, np.zeros(n), np.inf], here, goal, [1e-6], free)
+        np.testing.assert_allclose(onward[:n], there[:n], atol=1e-9)
+        assert np.array_equal(onward[n : 2 * n], q)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_kernel_gives_the_same_results_compiled_and_interpreted(name):
+    found = compare_kernels(load_robot(name), np.random.default_rng(8))
+    assert len(found) == 5
+    for one in found:
+        assert one.compiled
+        assert one.difference <= 1e-9, one.name
+        assert one.interpreted_time > 0.0
 
 
 @needs_compiler
@@ -217,6 +264,24 @@ def test_a_compiler_that_does_not_exist_is_refused(monkeypatch):
     monkeypatch.setenv("OPTSC_COMPILER", "no-such-compiler")
     with pytest.raises(InvalidValue, match="no-such-compiler"):
         compiler()
+
+
+def test_with_an_empty_path_kernels_are_interpreted_and_say_the_same(tmp_path):
+    program = (
+        "from optsc.robot import load_robot; from optsc.robot.kernels import *; from optsc.robot.ways import *;"
+        "r = load_robot('panda'); X = r.forward(r.home);"
+        "Y = type(X).from_translation([0, 0.05, 0])[None] @ X;"
+        "w = walk_straight(r, r.home, X, Y, speed=0.1, angular_speed=0.5);"
+        "print(compiler(), w.q.tolist())"
+    )
+    outputs = []
+    for environment in ({}, {"PATH": str(tmp_path), "OPTSC_CACHE": str(tmp_path), "CC": ""}):
+        command = [sys.executable, "-c", program]
+        done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment})
+        assert done.returncode == 0, done.stderr
+        outputs.append(done.stdout.partition(" "))
+    assert outputs[1][0] == "None"
+    assert outputs[0][2] == outputs[1][2]
 
 
 def test_no_compiler_is_wanted_with_none(monkeypatch):

@@ -1,12 +1,14 @@
 """Penalised manipulability: against singular values of pinocchio's Jacobian, and the laws of its two factors."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
 from optsc.robot.kernels import compiler
-from optsc.robot.manipulability import JOINT_LIMITS, SINGULARITY, Manipulability
+from optsc.robot.manipulability import DEFINITIONS, JOINT_LIMITS, SINGULARITY, Manipulability
 
 PANDA = load_robot("panda")
 
@@ -36,17 +38,50 @@ def endless_arm(tmp_path_factory):
     return model_from_urdf(path, "tool")
 
 
+def slope_of_closeness(robot, q):
+    """|dH/dq| of H = sum (u - l)^2 / (4 (u - q) (q - l)), by joint; zero where a joint has no limits."""
+    slope = np.zeros(robot.n)
+    for j in np.flatnonzero(robot.limits.bounded):
+        low, up, x = robot.limits.lower[j], robot.limits.upper[j], q[j]
+        slope[j] = abs((up - low) ** 2 * (2 * x - up - low) / (4 * (up - x) ** 2 * (x - low) ** 2))
+    return slope
+
+
+def index_of(singularity, J):
+    sigma = np.linalg.svd(J, compute_uv=False)
+    return {
+        "yoshikawa": np.prod(sigma),
+        "inverse_condition": sigma[-1] / sigma[0],
+        "minimum_singular_value": sigma[-1],
+    }[singularity]
+
+
+def worst_hyperoctant(singularity, robot, q, J):
+    """The extended index of Vahrenkamp et al., entry by entry."""
+    weight = 1 / np.sqrt(1 + slope_of_closeness(robot, q))
+    low, up = robot.limits.lower, robot.limits.upper
+    values = []
+    for signs in product((-1, 1), repeat=6):
+        weighted = J.copy()
+        for i in range(6):
+            for j in np.flatnonzero(robot.limits.bounded):
+                goes_up = signs[i] * J[i, j] > 0
+                nearer_the_upper = abs(q[j] - low[j]) > abs(q[j] - up[j])
+                if goes_up == nearer_the_upper:
+                    weighted[i, j] *= weight[j]
+        values.append(index_of(singularity, weighted))
+    return min(values)
+
+
 def literal(measure, robot, q):
     """M written down as in the books, for one posture."""
     J = robot.jacobian(q).copy()
     if measure.singularity != "yoshikawa":
         J[3:] *= measure.length
-    sigma = np.linalg.svd(J, compute_uv=False)
-    S = {
-        "yoshikawa": np.prod(sigma),
-        "inverse_condition": sigma[-1] / sigma[0],
-        "minimum_singular_value": sigma[-1],
-    }[measure.singularity]
+    if measure.joint_limits == "chan_dubey":
+        return index_of(measure.singularity, J / np.sqrt(1 + slope_of_closeness(robot, q)))
+    if measure.joint_limits == "vahrenkamp":
+        return worst_hyperoctant(measure.singularity, robot, q, J)
     some = robot.limits.bounded
     lower, upper, q = robot.limits.lower[some], robot.limits.upper[some], q[some]
     factors = (q - lower) * (upper - q) / (upper - lower) ** 2
@@ -55,7 +90,7 @@ def literal(measure, robot, q):
         "tsai_raw": 1 - np.exp(-measure.k * np.prod(factors)),
         "none": 1.0,
     }[measure.joint_limits]
-    return S * L
+    return index_of(measure.singularity, J) * L
 
 
 def slope_of(function, q, step=1e-6):
@@ -64,10 +99,10 @@ def slope_of(function, q, step=1e-6):
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-@pytest.mark.parametrize("singularity", SINGULARITY)
-def test_the_measure_equals_its_definition_on_every_arm(name, singularity):
-    robot, measure = load_robot(name), Manipulability(singularity)
-    q = robot.random_posture(np.random.default_rng(1), (40,))
+@pytest.mark.parametrize("definition", DEFINITIONS)
+def test_every_definition_equals_a_separate_reading_on_every_arm(name, definition):
+    robot, measure = load_robot(name), DEFINITIONS[definition]
+    q = robot.random_posture(np.random.default_rng(1), (4 if "vahrenkamp" in definition else 40,))
     expected = [literal(measure, robot, row) for row in q]
     np.testing.assert_allclose(measure.evaluate(robot, q), expected, rtol=1e-8, atol=1e-11)
 
@@ -85,9 +120,10 @@ def test_the_measure_equals_its_definition_on_an_arm_of_three_joints_one_endless
     np.testing.assert_allclose(measure.gradient(endless_arm, q[0]), slope, atol=1e-7)
 
 
-@pytest.mark.parametrize("measure", [*map(Manipulability, SINGULARITY), Manipulability.simox()], ids=repr)
-def test_the_gradient_equals_differences_of_the_measure(measure):
-    for q in PANDA.random_posture(np.random.default_rng(3), (5,)):
+@pytest.mark.parametrize("definition", DEFINITIONS)
+def test_the_gradient_equals_differences_of_the_measure(definition):
+    measure = DEFINITIONS[definition]
+    for q in PANDA.random_posture(np.random.default_rng(3), (1 if "vahrenkamp" in definition else 5,)):
         slope = slope_of(lambda x: literal(measure, PANDA, x), q)
         np.testing.assert_allclose(measure.gradient(PANDA, q), slope, atol=1e-7 + 1e-6 * np.abs(slope).max())
 
@@ -128,6 +164,37 @@ def test_batches_keep_their_shape_and_equal_single_postures(shape):
         assert M.shape == shape
         single = [measure.evaluate(PANDA, row) for row in q.reshape(-1, 7)[:5]]
         np.testing.assert_allclose(M.ravel()[:5], single, rtol=1e-12)
+
+
+@pytest.mark.parametrize("definition", DEFINITIONS)
+def test_at_a_limit_and_beyond_every_definition_and_its_gradient_is_finite(definition):
+    measure, middle = DEFINITIONS[definition], 0.5 * (PANDA.limits.lower + PANDA.limits.upper)
+    for offset in (0.0, 0.2):
+        for joint in range(7):
+            q = middle.copy()
+            q[joint] = PANDA.limits.upper[joint] + offset
+            assert 0.0 <= measure.evaluate(PANDA, q) < np.inf
+            assert np.all(np.isfinite(measure.gradient(PANDA, q)))
+
+
+def test_a_joint_at_its_limit_counts_as_not_there_in_the_jacobian_of_chan_and_dubey():
+    q = PANDA.home.copy()
+    q[3] = PANDA.limits.upper[3]
+    J = PANDA.jacobian(q) / np.sqrt(1 + slope_of_closeness(PANDA, np.where(np.arange(7) == 3, 0.0, q)))
+    J[:, 3] = 0.0
+    M = Manipulability(joint_limits="chan_dubey").evaluate(PANDA, q)
+    assert pytest.approx(index_of("yoshikawa", J), rel=1e-9) == M
+
+
+@pytest.mark.parametrize("joint_limits", ["chan_dubey", "vahrenkamp"])
+@pytest.mark.parametrize("singularity", SINGULARITY)
+def test_limits_in_the_jacobian_count_nothing_in_the_middle_of_all_ranges(singularity, joint_limits):
+    middle = 0.5 * (PANDA.limits.lower + PANDA.limits.upper)
+    weighted, plain = (
+        Manipulability(singularity, kind).evaluate(PANDA, middle) for kind in (joint_limits, "none")
+    )
+    assert weighted == pytest.approx(plain, rel=1e-7)
+    assert plain > 0.0
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

@@ -232,7 +232,12 @@ def test_candidates_given_to_rank_are_observed_once():
     selector.rank(hand, Q, candidates)
     selector.rank(hand, Q, candidates)
     assert len(solve.calls) == 2
+    # The same grasps in another object: known already.
     selector.rank(hand, Q, replace(candidates))
+    assert len(solve.calls) == 2
+    selector.rank(
+        hand, Q, replace(candidates, X_WG=Pose.from_translation([0.01, 0.0, 0.0]) @ candidates.X_WG)
+    )
     assert len(solve.calls) == 4
 
 

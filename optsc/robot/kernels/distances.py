@@ -16,22 +16,13 @@ import numpy as np
 
 from optsc.geometry.rotation import Array
 from optsc.robot.capsules import LinkCapsules
-from optsc.robot.kernels.rows import (
-    HEAD,
-    Box,
-    PairFunctions,
-    RowBuilder,
-    RowSettings,
-    clip,
-    joint_frames,
-    norm,
-)
+from optsc.robot.kernels.kinematics import joint_frames
+from optsc.robot.kernels.rows import HEAD, Box, PairFunctions, RowBuilder, RowSettings
+from optsc.robot.kernels.segments import TINY, clip, nearest_shares, nearest_to_box, norm
 from optsc.robot.model import RobotModel
 
 BLEND = 1e-3
 """What blending may take off a distance [m]."""
-TINY = 1e-12
-"""Squares of lengths below this [m^2] count as zero."""
 
 
 class SelfPair(NamedTuple):
@@ -50,27 +41,12 @@ class TableEnd(NamedTuple):
     margin: float
 
 
-def _segments(a: Sequence[casadi.SX], b: Sequence[casadi.SX], c: casadi.SX) -> tuple[casadi.SX, ...]:
-    """Return shares s, t of the points of two segments that are nearest after blending by ``c`` (2) [m^2], and phi."""
-    u, w, between = a[1] - a[0], b[1] - b[0], a[0] - b[0]
-    uu, ww, uw = casadi.dot(u, u), casadi.dot(w, w), casadi.dot(u, w)
-    A, C = uu + 4.0 * c[0] + TINY, ww + 4.0 * c[1] + TINY
-    p, r = casadi.dot(u, between) - 2.0 * c[0], -casadi.dot(w, between) - 2.0 * c[1]
-    # minimise 1/2 A s^2 + p s - uw s t + 1/2 C t^2 + r t on the unit square
-    s = clip((uw * -r - p * C) / (A * C - uw * uw))
-    t = clip((uw * s - r) / C)
-    s = clip((uw * t - p) / A)
-    t = clip((uw * s - r) / C)
-    blend = 4.0 * c[0] * (s - 0.5) ** 2 + 4.0 * c[1] * (t - 0.5) ** 2
-    return s, t, blend
-
-
 def _self_pair(rows: RowBuilder) -> PairFunctions:
     """Two capsules; constants (5): radii and blend, c of both, margin, radii and half lengths."""
     constants = casadi.SX.sym("constants", 5)
     reach, c, margin = constants[0], constants[1:3], constants[3]
     a, b = rows.ends(rows.capsule), rows.ends(rows.other)
-    s, t, blend = _segments(a, b, c)
+    s, t, blend = nearest_shares(a, b, c)
     gap = (a[0] + s * (a[1] - a[0])) - (b[0] + t * (b[1] - b[0]))
     # Segments that cross have no direction between them: their common normal takes its place.
     normal = casadi.cross(a[1] - a[0], b[1] - b[0]) + 1e-9
@@ -113,42 +89,13 @@ def _into_box(a: casadi.SX, b: casadi.SX, half: casadi.SX) -> tuple[casadi.SX, c
     return best, normal, share
 
 
-def _nearest_to_box(a: casadi.SX, b: casadi.SX, half: casadi.SX, c: casadi.SX) -> casadi.SX:
-    """Return the share t of a segment that is nearest to a box after blending by ``c``, in the box's axes.
-
-    Half the derivative of the squared distance rises with t in straight pieces: between the two breaks where it
-    changes its sign, the root is that of a line.
-    """
-    u = b - a
-
-    def slope(t: casadi.SX) -> casadi.SX:
-        p = a + t * u
-        outside = p - casadi.fmin(casadi.fmax(p, -half), half)
-        return casadi.dot(outside, u) + 4.0 * c * (t - 0.5)
-
-    left, right = casadi.SX(0.0), casadi.SX(1.0)
-    at_left, at_right = slope(left), slope(right)
-    for k in range(3):
-        for sign in (1.0, -1.0):
-            safe = casadi.if_else(casadi.fabs(u[k]) < TINY, 1.0, u[k])
-            t = clip((sign * half[k] - a[k]) / safe)
-            value = slope(t)
-            lower, higher = (
-                casadi.logic_and(value <= 0.0, t >= left),
-                casadi.logic_and(value >= 0.0, t <= right),
-            )
-            left, at_left = casadi.if_else(lower, t, left), casadi.if_else(lower, value, at_left)
-            right, at_right = casadi.if_else(higher, t, right), casadi.if_else(higher, value, at_right)
-    return left + (right - left) * clip(-at_left / casadi.fmax(at_right - at_left, 1e-15))
-
-
 def _box_pair(rows: RowBuilder) -> PairFunctions:
     """A capsule; constants (4): radius and blend, c, hand, radius and half length; a box."""
     constants, box = casadi.SX.sym("constants", 4), casadi.SX.sym("box", Box.SIZE)
     R, centre, half = casadi.reshape(box[Box.ROTATION], 3, 3), box[Box.CENTRE], box[Box.HALF]
     reach, margin = constants[0], rows.settings[RowSettings.MARGIN]
     a, b = (R.T @ (end - centre) for end in rows.ends(rows.capsule))
-    t = _nearest_to_box(a, b, half, constants[1])
+    t = nearest_to_box(a, b, half, constants[1])
     p = a + t * (b - a)
     out = p - casadi.fmin(casadi.fmax(p, -half), half)
     depth, normal, deepest = _into_box(a, b, half)

@@ -6,6 +6,8 @@ both equal.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import casadi
 import numpy as np
 
@@ -18,7 +20,7 @@ ROUNDING = 1e-15
 shorter."""
 
 
-def _constant(array: Array) -> casadi.SX:
+def constant(array: Array) -> casadi.SX:
     """Return a matrix whose exact zeros and ones vanish from the generated code."""
     snapped = np.where(np.abs(array - np.round(array)) < ROUNDING, np.round(array), array)
     return casadi.SX(casadi.sparsify(casadi.DM(snapped)))
@@ -37,12 +39,36 @@ def axis_of(robot: RobotModel, index: int) -> tuple[Array, bool]:
     return (linear, True) if np.any(linear) else (angular, False)
 
 
-def _rotation_about(axis: Array, angle: casadi.SX) -> casadi.SX:
-    """Rodrigues' formula: R = a aᵀ + cos (I - a aᵀ) + sin [a]×."""
-    projection = _constant(np.outer(axis, axis))
-    cross = _constant(np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]]))
-    rest = _constant(np.eye(3) - np.outer(axis, axis))
+def rotation_about(axis: Array, angle: casadi.SX) -> casadi.SX:
+    """Return the rotation matrix about a unit axis by Rodrigues' formula: a aᵀ + cos (I - a aᵀ) + sin [a]×."""
+    projection = constant(np.outer(axis, axis))
+    cross = constant(np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]]))
+    rest = constant(np.eye(3) - np.outer(axis, axis))
     return projection + casadi.cos(angle) * rest + casadi.sin(angle) * cross
+
+
+class JointFrame(NamedTuple):
+    """The frame of a joint: rotation and position in W, the joint's axis in W, whether it slides."""
+
+    R: casadi.SX
+    p: casadi.SX
+    axis: casadi.SX
+    origin: casadi.SX
+    slides: bool
+
+
+def joint_frames(robot: RobotModel, q: casadi.SX) -> list[JointFrame]:
+    """Return the frame that each joint moves, for a serial chain."""
+    R, p = casadi.SX.eye(3), casadi.SX(3, 1)
+    frames = []
+    for i in range(robot.n):
+        placement = robot.model.jointPlacements[i + 1]
+        p, R = p + R @ constant(placement.translation), R @ constant(placement.rotation)
+        local, slides = axis_of(robot, i)
+        axis, origin = R @ constant(local), p
+        p, R = (p + axis * q[i], R) if slides else (p, R @ rotation_about(local, q[i]))
+        frames.append(JointFrame(R, p, axis, origin, slides))
+    return frames
 
 
 def chain(robot: RobotModel, q: casadi.SX) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
@@ -58,16 +84,16 @@ def chain(robot: RobotModel, q: casadi.SX) -> tuple[casadi.SX, casadi.SX, casadi
     axes: list[tuple[casadi.SX, casadi.SX, bool]] = []
     for i in range(robot.n):
         placement = model.jointPlacements[i + 1]
-        p = p + R @ _constant(placement.translation)
-        R = R @ _constant(placement.rotation)
+        p = p + R @ constant(placement.translation)
+        R = R @ constant(placement.rotation)
         axis, slides = axis_of(robot, i)
-        axes.append((R @ _constant(axis), p, slides))
+        axes.append((R @ constant(axis), p, slides))
         if slides:
             p = p + axes[-1][0] * q[i]
         else:
-            R = R @ _rotation_about(axis, q[i])
+            R = R @ rotation_about(axis, q[i])
     tip = model.frames[robot.tip_id].placement
-    p, R = p + R @ _constant(tip.translation), R @ _constant(tip.rotation)
+    p, R = p + R @ constant(tip.translation), R @ constant(tip.rotation)
     columns = [
         casadi.vertcat(axis, casadi.SX(3, 1))
         if slides

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import casadi
 import numpy as np
 
-from optsc.robot.kernels.kinematics import _constant, _rotation_about, axis_of
+from optsc.robot.kernels.kinematics import axis_of
 from optsc.robot.model import RobotModel
 
 FLAT = 1e-4
@@ -39,40 +39,6 @@ class Box:
     ROTATION, CENTRE, HALF = slice(0, 9), slice(9, 12), slice(12, 15)
     LINEAR, ANGULAR = slice(15, 18), slice(18, 21)
     ABSENT, HAND_MAY_TOUCH = 21, 22
-
-
-def norm(x: casadi.SX) -> casadi.SX:
-    """The Euclidean norm of a vector."""
-    return casadi.sqrt(casadi.dot(x, x))
-
-
-def clip(x: casadi.SX) -> casadi.SX:
-    """The nearest number in [0, 1]."""
-    return casadi.fmin(casadi.fmax(x, 0.0), 1.0)
-
-
-class JointFrame(NamedTuple):
-    """The frame of a joint: rotation and position in W, the joint's axis in W, whether it slides."""
-
-    R: casadi.SX
-    p: casadi.SX
-    axis: casadi.SX
-    origin: casadi.SX
-    slides: bool
-
-
-def joint_frames(robot: RobotModel, q: casadi.SX) -> list[JointFrame]:
-    """Return the frame that each joint moves, for a serial chain."""
-    R, p = casadi.SX.eye(3), casadi.SX(3, 1)
-    frames = []
-    for i in range(robot.n):
-        placement = robot.model.jointPlacements[i + 1]
-        p, R = p + R @ _constant(placement.translation), R @ _constant(placement.rotation)
-        local, slides = axis_of(robot, i)
-        axis, origin = R @ _constant(local), p
-        p, R = (p + axis * q[i], R) if slides else (p, R @ _rotation_about(local, q[i]))
-        frames.append(JointFrame(R, p, axis, origin, slides))
-    return frames
 
 
 class RowBuilder:

@@ -1,0 +1,195 @@
+"""How far an arm is from itself, a table and obstacles: many postures at once, in metres.
+
+Links are capsules and obstacles boxes, which hold what they stand for, so a clearance is never more than the distance
+of the bodies themselves. Hence it also tells which postures touch nothing for certain, at a fraction of the cost of
+comparing the bodies (`optsc.robot.collision`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from optsc.geometry import Pose, TriangleMesh
+from optsc.geometry.rotation import Array
+from optsc.robot.boxes import boxes_of
+from optsc.robot.capsules import LinkCapsules, link_capsules
+from optsc.robot.kernels.clearance import BOX, between_capsules, capsule_ends, clearance
+from optsc.robot.kernels.kernel import BatchKernel, build_batch_kernel
+from optsc.robot.model import RobotModel
+
+HORIZON = 0.2
+"""Clearances count up to this [m]: what is further away is not in the way."""
+SAFE = 1e-5
+"""Bodies whose capsules are further apart than this [m] do not touch, whatever the rounding."""
+BOXES = 4
+"""How many boxes an obstacle is made of at most."""
+LOOP = 8
+"""Postures in one compiled loop."""
+SAMPLES = 400
+"""Random postures that tell which distances within the arm change."""
+TRAVEL = 0.02
+"""A distance within the arm that changes by less than this [m] over all postures says nothing of a posture."""
+CLOSE = 0.05
+"""Links whose capsules are nearer than this [m] at home are built together: only the exact check knows them."""
+FAR_AWAY = 1e3
+"""Where boxes stand that are not there [m]."""
+
+Shape: TypeAlias = TriangleMesh | Sequence[TriangleMesh]
+LinkPairs: TypeAlias = tuple[tuple[str, str], ...]
+
+
+class SelfPairs(NamedTuple):
+    """Pairs of an arm's capsules, by number.
+
+    Attributes:
+        telling: pairs whose distance says something about a posture.
+        close: pairs that are close to each other, or always at about the same distance.
+        touching: pairs of links that some capsules of overlap at home: only the exact check can tell.
+    """
+
+    telling: tuple[tuple[int, int], ...]
+    close: tuple[tuple[int, int], ...]
+    touching: LinkPairs
+
+
+class Clearances(NamedTuple):
+    """Clearances of N postures [m], none above the horizon that was asked for.
+
+    Attributes:
+        own: (N,) to itself, but for links that are built close together.
+        own_close: (N,) of those links.
+        world: (N,) to the table, but for links that never change their height over it, and to all obstacles.
+    """
+
+    own: Array
+    own_close: Array
+    world: Array
+
+
+@lru_cache(maxsize=16)
+def self_pairs(robot: RobotModel, linked: LinkPairs) -> SelfPairs:
+    """Return the pairs of capsules of the pairs of links that are ``linked``."""
+    capsules = link_capsules(robot)
+    wanted = {frozenset(pair) for pair in linked}
+    names, count = capsules.link, len(capsules.link)
+    pairs = [
+        (a, b) for a in range(count) for b in range(a + 1, count) if frozenset((names[a], names[b])) in wanted
+    ]
+    if not pairs:
+        return SelfPairs((), (), ())
+    distance = _sampled(robot, capsules, pairs)
+    apart = distance[0] > SAFE
+    telling = (distance[0] > CLOSE) & (np.ptp(distance, axis=0) > TRAVEL)
+    touching = dict.fromkeys((names[a], names[b]) for k, (a, b) in enumerate(pairs) if not apart[k])
+    return SelfPairs(
+        tuple(pair for k, pair in enumerate(pairs) if telling[k]),
+        tuple(pair for k, pair in enumerate(pairs) if apart[k] and not telling[k]),
+        tuple(touching),
+    )
+
+
+@lru_cache(maxsize=16)
+def level(robot: RobotModel) -> tuple[int, ...]:
+    """Return the capsules of the links' hulls that move but never change their height, such as a turning base."""
+    capsules = link_capsules(robot, True)
+    ends = capsule_ends(robot, capsules).map(SAMPLES)(_samples(robot)[:SAMPLES].T).full()
+    height = ends[[2, 5]].reshape(2, SAMPLES, -1)
+    still = np.ptp(height, axis=1).max(axis=0) < SAFE
+    return tuple(np.flatnonzero(still & (capsules.joint >= 0)).tolist())
+
+
+def _samples(robot: RobotModel) -> Array:
+    """Return home and random postures (1 + `SAMPLES`, n)."""
+    return np.vstack([robot.home, robot.random_posture(np.random.default_rng(0), (SAMPLES,))])
+
+
+def _sampled(robot: RobotModel, capsules: LinkCapsules, pairs: Sequence[tuple[int, int]]) -> Array:
+    """Return the distances (1 + `SAMPLES`, P) of pairs of capsules at home and at random postures [m]."""
+    q = _samples(robot)
+    ends = capsule_ends(robot, capsules).map(len(q))(q.T).full().reshape(6, len(q), -1)
+    first, second = [a for a, _ in pairs], [b for _, b in pairs]
+    radii = np.tile(capsules.radius[first] + capsules.radius[second], len(q))
+    each = between_capsules().map(len(radii))
+    distance = each(ends[:, :, first].reshape(6, -1), ends[:, :, second].reshape(6, -1), radii)
+    return distance.full().reshape(len(q), -1)
+
+
+@lru_cache(maxsize=16)
+def _kernel(robot: RobotModel, linked: LinkPairs, slots: int) -> BatchKernel:
+    pairs, hulls = self_pairs(robot, linked), link_capsules(robot, True)
+    over_table = sorted(set(np.flatnonzero(hulls.joint >= 0).tolist()) - set(level(robot)))
+    function = clearance(robot, link_capsules(robot), hulls, pairs.telling, pairs.close, over_table, slots)
+    return build_batch_kernel(function, LOOP, shared=3)
+
+
+@lru_cache(maxsize=64)
+def _boxes(parts: tuple[TriangleMesh, ...], name: str) -> tuple[Array, Array, Array]:
+    return boxes_of(parts, BOXES, name)
+
+
+class ClearanceScene:
+    """An arm among a table and obstacles that stand still.
+
+    Args:
+        robot: the arm.
+        linked: pairs of links that are compared with each other, as `CollisionModel.self_pairs` has them.
+        obstacles: shape and pose X_WO of everything that must not be touched, by name.
+        table_height: z of the table top [m]; None for no table.
+
+    Raises:
+        InvalidValue: a part of an obstacle without volume.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        linked: LinkPairs,
+        obstacles: Mapping[str, tuple[Shape, Pose]],
+        table_height: float | None,
+    ) -> None:
+        columns, owner = [np.zeros((BOX, 0))], []
+        for name, (shape, X_WO) in obstacles.items():
+            parts = (shape,) if isinstance(shape, TriangleMesh) else tuple(shape)
+            R, centre, half = _boxes(parts, name)
+            turned = X_WO.rotation_matrix() @ R
+            flat = np.swapaxes(turned, 1, 2).reshape(-1, 9)
+            columns.append(np.concatenate([flat, X_WO.apply(centre), half], axis=1).T)
+            owner += [name] * len(half)
+        # Sizes in steps, so that few functions are built for many scenes.
+        slots = max(4, 1 << max(len(owner) - 1, 0).bit_length())
+        nowhere = np.concatenate([np.eye(3).ravel(), np.full(3, FAR_AWAY), np.zeros(3)])
+        self._box = np.tile(nowhere[:, None], slots)
+        self._box[:, : len(owner)] = np.concatenate(columns, axis=1)
+        self._owner = np.array([*owner, *[""] * (slots - len(owner))])
+        self._height = -FAR_AWAY if table_height is None else table_height
+        self._kernel = _kernel(robot, linked, slots)
+        self.tells_of_itself = not self_pairs(robot, linked).touching
+        """Whether postures in which no capsules touch each other can be told; not where some always do."""
+
+    @property
+    def compiled(self) -> bool:
+        """Whether machine code runs, or CasADi's virtual machine."""
+        return self._kernel.compiled
+
+    def measure(
+        self, q: Array, hand_may_touch: np.ndarray | None = None, horizon: float = HORIZON
+    ) -> Clearances:
+        """Return the clearances of postures ``q`` (N, n).
+
+        Args:
+            q: finite [rad].
+            hand_may_touch: (N,) name of the obstacle that the hand may touch at each posture; "" for none.
+            horizon: what is further away than this [m] is not looked at.
+        """
+        (found,) = self._kernel(q, shared=(horizon, self._height, self._box))
+        slots = len(self._owner)
+        arm, hand = found[:, 3 : 3 + slots], found[:, 3 + slots :]
+        if hand_may_touch is not None:
+            allowed = (hand_may_touch[:, None] == self._owner) & (self._owner != "")
+            hand = np.where(allowed, horizon, hand)
+        world = np.minimum(np.minimum(arm, hand).min(axis=1), found[:, 2])
+        return Clearances(found[:, 0], found[:, 1], world)

@@ -1,0 +1,147 @@
+"""The parts of penalised manipulability as CasADi functions; `optsc.robot.manipulability` says what they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import product
+
+import casadi
+import numpy as np
+
+from optsc.geometry.rotation import Array
+from optsc.robot.kernels.kinematics import chain
+from optsc.robot.model import RobotModel
+
+HYPEROCTANTS: Array = np.array(list(product((1.0, -1.0), repeat=6))).T
+"""Signs (6, 64) of the tool's motion along and about the three axes."""
+_TINY = 1e-300
+
+
+def distance_to_limits(robot: RobotModel, kind: str, q: casadi.SX, k: casadi.SX) -> casadi.SX:
+    """Return the expression of L, 1 where joint limits enter the Jacobian instead."""
+    if not kind.startswith("tsai"):
+        return casadi.SX(1)
+    x = casadi.SX(1)
+    for i in np.flatnonzero(robot.limits.bounded).tolist():
+        lower, upper = robot.limits.lower[i], robot.limits.upper[i]
+        # Each factor is cut off on its own: two joints beyond their limits must not make a positive product.
+        x *= casadi.fmax(0, (q[i] - lower) * (upper - q[i])) / (upper - lower) ** 2
+        x *= 4 if kind == "tsai" else 1
+    L = -casadi.expm1(-k * x)
+    return L / -casadi.expm1(-k) if kind == "tsai" else L
+
+
+def joint_weights(robot: RobotModel, q: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
+    """Return the factors (n,) of Chan and Dubey, and where (-1 to 1) each joint stands between its limits.
+
+    With x from -1 to 1 between the limits, 1 / sqrt(1 + |dH/dq|) is the root of c / (c + 4 |x| / (u - l)) with
+    c = (1 - x^2)^2, which is finite everywhere.
+    """
+    factors, places = [], []
+    for i in range(robot.n):
+        if not robot.limits.bounded[i]:
+            factors.append(casadi.SX(1))
+            places.append(casadi.SX(0))
+            continue
+        lower, upper = robot.limits.lower[i], robot.limits.upper[i]
+        x = (2 * q[i] - upper - lower) / (upper - lower)
+        c = casadi.fmax(0, 1 - x * x) ** 2
+        factors.append(casadi.sqrt(c / (c + 4 * casadi.fabs(x) / (upper - lower)) + _TINY))
+        places.append(x)
+    return casadi.vertcat(*factors), casadi.vertcat(*places)
+
+
+def weighted_jacobian(robot: RobotModel, kind: str, q: casadi.SX, signs: casadi.SX) -> casadi.SX:
+    """Return the Jacobian (6, n) with the joint limits in it; ``signs`` (6,) is the hyperoctant where that counts."""
+    J = chain(robot, q)[2]
+    if kind not in ("chan_dubey", "vahrenkamp"):
+        return J
+    factors, places = joint_weights(robot, q)
+    if kind == "chan_dubey":
+        return J * casadi.repmat(factors.T, 6, 1)
+    return _in_hyperoctant(J, factors, places, signs)
+
+
+def _in_hyperoctant(J: casadi.SX, factors: casadi.SX, places: casadi.SX, signs: casadi.SX) -> casadi.SX:
+    """Return the Jacobian weighted where the motion with these signs (6,) leads towards the nearer limit."""
+    # Moving the tool with these signs needs joint j to go up through entry i where their product is positive.
+    up = casadi.repmat(signs, 1, J.shape[1]) * J > 0
+    at_upper = casadi.repmat(places.T > 0, 6, 1)
+    towards = casadi.logic_or(casadi.logic_and(up, at_upper), casadi.logic_and(1 - up, 1 - at_upper))
+    return J * casadi.if_else(towards, casadi.repmat(factors.T, 6, 1), 1)
+
+
+def _over_hyperoctants(
+    robot: RobotModel, value: Callable[[casadi.SX, casadi.SX], casadi.SX]
+) -> casadi.Function:
+    """Return (q, length) -> ``value`` of the weighted Jacobian and the length, in all hyperoctants side by side."""
+    n = robot.n
+    q, length = casadi.MX.sym("q", n), casadi.MX.sym("length")
+    angles, signs, scale = casadi.SX.sym("q", n), casadi.SX.sym("signs", 6), casadi.SX.sym("length")
+    placed = [chain(robot, angles)[2], *joint_weights(robot, angles)]
+    kinematics = casadi.Function("placed", [angles], [casadi.densify(x) for x in placed])
+    J, factors, places = casadi.SX.sym("J", 6, n), casadi.SX.sym("factors", n), casadi.SX.sym("places", n)
+    weighted = _in_hyperoctant(J, factors, places, signs)
+    one = casadi.Function("one", [J, factors, places, scale, signs], [value(weighted, scale)])
+    each = one.map("each", "serial", HYPEROCTANTS.shape[1], [0, 1, 2, 3], [])
+    found = each(*kinematics(q), length, casadi.DM(HYPEROCTANTS))
+    return casadi.Function("over_hyperoctants", [q, length], [found])
+
+
+def product_of_singular_values(J: casadi.SX) -> casadi.SX:
+    """Return the product of the min(6, n) singular values, by Gram-Schmidt.
+
+    Against √det(J Jᵀ) this keeps its digits, and its derivatives, near singularities.
+    """
+    vectors = casadi.horzsplit(J.T) if J.shape[1] >= 6 else casadi.horzsplit(J)
+    value = casadi.SX(1)
+    while vectors:
+        # The tiny number keeps directions and derivatives finite where a vector vanishes.
+        norm = casadi.sqrt(casadi.dot(vectors[0], vectors[0]) + _TINY)
+        direction = vectors[0] / norm
+        vectors = [v - casadi.dot(direction, v) * direction for v in vectors[1:]]
+        value *= norm
+    return value
+
+
+def _gram(robot: RobotModel, J: casadi.SX, length: casadi.SX) -> casadi.SX:
+    """Return J Jᵀ, or Jᵀ J for fewer than six joints, with scaled angular rows."""
+    scaled = casadi.vertcat(J[:3, :], length * J[3:, :])
+    return casadi.densify(scaled @ scaled.T if robot.n >= 6 else scaled.T @ scaled)
+
+
+def penalised_product(robot: RobotModel, kind: str) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
+    """Return the symbols q and k, and the expression of M with Yoshikawa's S; not for hyperoctants."""
+    q, k = casadi.SX.sym("q", robot.n), casadi.SX.sym("k")
+    J = weighted_jacobian(robot, kind, q, casadi.SX.ones(6))
+    return q, k, product_of_singular_values(J) * distance_to_limits(robot, kind, q, k)
+
+
+def least_product(robot: RobotModel) -> casadi.Function:
+    """Return the function (q, k) -> least product of the singular values in any hyperoctant."""
+    q, k = casadi.MX.sym("q", robot.n), casadi.MX.sym("k")
+    each = _over_hyperoctants(robot, lambda J, _: product_of_singular_values(J))
+    return casadi.Function("least_product", [q, k], [casadi.mmin(each(q, 1.0))])
+
+
+def grams(robot: RobotModel, kind: str) -> casadi.Function:
+    """Return the function (q, k, length) -> Gram matrices side by side, one or one for each hyperoctant, and L."""
+    q, k, length, signs = (
+        casadi.SX.sym(name, n) for name, n in (("q", robot.n), ("k", 1), ("length", 1), ("signs", 6))
+    )
+    L = casadi.densify(distance_to_limits(robot, kind, q, k))
+    gram = _gram(robot, weighted_jacobian(robot, kind, q, signs), length)
+    if kind != "vahrenkamp":
+        return casadi.Function("gram", [q, k, length], [casadi.substitute(gram, signs, casadi.DM.ones(6)), L])
+    posture, scale, unused = casadi.MX.sym("q", robot.n), casadi.MX.sym("length"), casadi.MX.sym("k")
+    found = _over_hyperoctants(robot, lambda J, size: _gram(robot, J, size))(posture, scale)
+    return casadi.Function("grams", [posture, unused, scale], [found, casadi.MX(casadi.DM.ones(1))])
+
+
+def slopes(robot: RobotModel, kind: str) -> casadi.Function:
+    """Return the function (q, k, signs, G) -> J with the limits in it, L, dL/dq, d⟨G, J⟩/dq."""
+    q, k, signs = casadi.SX.sym("q", robot.n), casadi.SX.sym("k"), casadi.SX.sym("signs", 6)
+    G = casadi.SX.sym("G", 6, robot.n)
+    J, L = weighted_jacobian(robot, kind, q, signs), distance_to_limits(robot, kind, q, k)
+    outputs = [J, L, casadi.gradient(L, q), casadi.gradient(casadi.dot(G, J), q)]
+    return casadi.Function("slopes", [q, k, signs, G], [casadi.densify(o) for o in outputs])

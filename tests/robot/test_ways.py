@@ -1,0 +1,119 @@
+"""Straight ways of the tool: the arm holds the tool on them, stays in its branch, and stops where it cannot go on."""
+
+import numpy as np
+import pytest
+
+from optsc.errors import InvalidValue
+from optsc.geometry import Pose, rotation
+from optsc.robot import ROBOT_NAMES, load_robot
+from optsc.robot.kernels import compiler
+from optsc.robot.kernels.walk import ON_THE_WAY, STEPS, TOLERANCE
+from optsc.robot.ways import REASONS, walk_straight
+
+SPEEDS = {"speed": 0.1, "angular_speed": 0.5}
+
+
+def ends_near(robot, count, rng, size=0.15):
+    start = robot.forward(robot.home)
+    shift = rng.uniform(-size, size, (count, 3))
+    turn = rotation.exp(rng.uniform(-size, size, (count, 3)))
+    return start, Pose(
+        rotation.multiply(turn, np.tile(start.quaternion, (count, 1))), start.translation + shift
+    )
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_posture_holds_the_tool_on_the_line_as_pinocchio_sees_it(name):
+    robot = load_robot(name)
+    start, end = ends_near(robot, 12, np.random.default_rng(1))
+    walk = walk_straight(robot, robot.home, start, end, **SPEEDS)
+    assert walk.gone.sum() >= 6
+    for k in np.flatnonzero(walk.gone):
+        count = walk.steps[k]
+        share = np.arange(1, count + 1) / count
+        wanted, found = start.interpolate(end[k], share), robot.forward(walk.postures[k, :count])
+        assert np.abs(wanted.translation - found.translation).max() <= ON_THE_WAY
+        assert rotation.angle(wanted.quaternion, found.quaternion).max() <= 2 * ON_THE_WAY
+        assert np.abs(end[k].translation - found.translation[-1]).max() <= TOLERANCE + 1e-9
+        assert rotation.angle(end[k].quaternion, found.quaternion[-1]) <= 2 * TOLERANCE
+        assert np.array_equal(walk.q[k], walk.postures[k, count - 1])
+        assert np.array_equal(walk.postures[k, count:], np.tile(walk.q[k], (STEPS - count, 1)))
+    assert np.all(walk.postures >= robot.limits.lower)
+    assert np.all(walk.postures <= robot.limits.upper)
+
+
+def test_no_joint_is_asked_for_more_than_its_speed_and_the_greatest_share_is_told():
+    robot = load_robot("panda")
+    start, end = ends_near(robot, 20, np.random.default_rng(2))
+    walk = walk_straight(robot, robot.home, start, end, **SPEEDS)
+    for k in np.flatnonzero(walk.gone):
+        shift = np.linalg.norm(end.translation[k] - start.translation)
+        turn = rotation.angle(end.quaternion[k], start.quaternion)
+        pace = max(shift / 0.1, turn / 0.5) / walk.steps[k]
+        path = np.vstack([robot.home, walk.postures[k, : walk.steps[k]]])
+        speed = (np.abs(np.diff(path, axis=0)) / (robot.limits.velocity * pace)).max()
+        assert walk.speed[k] == pytest.approx(speed, rel=1e-9)
+        assert speed <= 1.0
+
+
+def test_a_way_ends_where_the_arm_is_too_short_with_the_part_that_was_gone():
+    robot = load_robot("panda")
+    start = robot.forward(robot.home)
+    end = Pose.from_translation([2.0, 0.0, 0.0]) @ start
+    walk = walk_straight(robot, robot.home, start, end[None], **SPEEDS)
+    assert REASONS[walk.end[0]] in ("joint limits", "joint speed")
+    assert 0.0 < walk.share[0] < 0.5
+    reached = robot.forward(walk.q[0])
+    way = walk.share[0] * (end.translation - start.translation)
+    assert np.abs(reached.translation - start.translation - way).max() <= ON_THE_WAY
+
+
+def test_a_joint_that_cannot_keep_up_ends_the_way():
+    robot = load_robot("panda")
+    start, end = ends_near(robot, 6, np.random.default_rng(3))
+    walk = walk_straight(robot, robot.home, start, end, speed=50.0, angular_speed=200.0)
+    assert np.all(walk.end == REASONS.index("joint speed"))
+    assert np.all(walk.speed > 1.0)
+    assert np.all(walk.q == robot.home)
+
+
+def test_a_way_of_no_length_is_gone_at_once():
+    robot = load_robot("panda")
+    start = robot.forward(robot.home)
+    walk = walk_straight(robot, robot.home, start, start[None], **SPEEDS)
+    assert walk.gone[0]
+    np.testing.assert_allclose(walk.q[0], robot.home, atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_many_ways_are_gone_as_each_alone(count):
+    robot = load_robot("ur5")
+    start, end = ends_near(robot, count, np.random.default_rng(4))
+    together = walk_straight(robot, robot.home, start, end, **SPEEDS)
+    assert together.q.shape == (count, 6)
+    for k in range(count):
+        alone = walk_straight(robot, robot.home, start, end[k : k + 1], **SPEEDS)
+        assert np.array_equal(alone.postures[0], together.postures[k])
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+def test_interpreted_ways_equal_compiled_ones(monkeypatch):
+    robot = load_robot("panda")
+    start, end = ends_near(robot, 6, np.random.default_rng(5))
+    compiled = walk_straight(robot, robot.home, start, end, **SPEEDS)
+    monkeypatch.setenv("OPTSC_COMPILER", "none")
+    interpreted = walk_straight(load_robot("panda"), robot.home, start, end, **SPEEDS)
+    for a, b in zip(compiled, interpreted, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+
+
+def test_ways_that_are_none_are_refused():
+    robot = load_robot("panda")
+    start = robot.forward(robot.home)
+    with pytest.raises(InvalidValue, match="speeds"):
+        walk_straight(robot, robot.home, start, start[None], speed=0.0, angular_speed=1.0)
+    with pytest.raises(InvalidValue):
+        walk_straight(robot, np.full(7, np.nan), start, start[None], **SPEEDS)
+    nowhere = Pose(start.quaternion, np.array([np.nan, 0.0, 0.0]))
+    with pytest.raises(InvalidValue, match="poses"):
+        walk_straight(robot, robot.home, start, nowhere[None], **SPEEDS)
