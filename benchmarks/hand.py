@@ -33,6 +33,8 @@ ENGAGING = 0.2
 """From the engagement of a moving hand on [s]: the arm has to catch up from rest."""
 LAGS = np.arange(0.0, 0.1501, 0.001)
 """Lags that are tried [s]."""
+FREE, HINDSIGHT = 5.0, 5.0
+"""How much wider rate limits are, and the cut-off [Hz], where it is asked what a motion needs."""
 BAR = "lag <= 30 ms, error <= 2 mm and 1 deg, jerk <= 5 %, no violation, always following"
 
 MakeServo = Callable[[RobotModel, float], Servo]
@@ -58,7 +60,9 @@ class StretchResult:
         jerk_later: of the worst joint, without the time of engaging [%].
         following, following_later: share of ticks with that status [%], of all and without the time of engaging.
         violations: of limits, at 1e-9.
-        reachable: no tick was out of reach or held back by a position limit.
+        demand: what the motion asks of the joints, see `demand`, as share of their limits.
+        reachable: no tick was out of reach or held back by a position limit, and the joints are not asked for more than
+            they have.
         statuses: how many ticks of each status and reason.
     """
 
@@ -72,6 +76,7 @@ class StretchResult:
     following: float
     following_later: float
     violations: int
+    demand: float
     reachable: bool
     statuses: dict[str, int]
 
@@ -81,21 +86,21 @@ class Plan(NamedTuple):
 
     Attributes:
         scale: of position and rotation.
-        fade: for how long after engaging the scale grows from nothing [s].
+        fade: see `ClutchSettings.fade` [s]; None for its default.
         starts: first sample of each stretch.
         count: samples of a stretch.
     """
 
     scale: float
-    fade: float
+    fade: float | None
     starts: Sequence[int]
     count: int
 
-    def clutch(self, elapsed: float) -> ClutchSettings:
-        """Return the clutch's settings ``elapsed`` [s] after engaging."""
-        share = min(1.0, elapsed / self.fade) if self.fade > 0.0 else 1.0
-        scale = self.scale * max(share * share * (3.0 - 2.0 * share), 1e-9)
-        return ClutchSettings(scale=scale, rotation_scale=scale, orientation="relative")
+    @property
+    def clutch(self) -> ClutchSettings:
+        """The clutch's settings; without a fade of its own the clutch's default."""
+        fade = {} if self.fade is None else {"fade": self.fade}
+        return ClutchSettings(scale=self.scale, rotation_scale=self.scale, orientation="relative", **fade)
 
 
 def drive(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> Drive:
@@ -103,12 +108,9 @@ def drive(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> Drive:
     servo.reset(servo.robot.home)
     p_SH, q_SH = hand.X_SH.translation.tolist(), hand.X_SH.quaternion.tolist()
     stamps = hand.time[first : first + plan.count] - hand.time[first]
-    state, targets, commands = None, [], []
+    settings, state, targets, commands = plan.clutch, None, [], []
     for k, stamp in enumerate(stamps):
-        sample, settings = (
-            Hand(tuple(p_SH[first + k]), tuple(q_SH[first + k]), servo.time),
-            plan.clutch(stamp),
-        )
+        sample = Hand(tuple(p_SH[first + k]), tuple(q_SH[first + k]), servo.time)
         state = (
             engage(settings, sample, *servo.reference) if state is None else follow(settings, state, sample)
         )
@@ -144,8 +146,29 @@ def lag_and_error(path: Drive, tool: Pose, t: np.ndarray) -> tuple[float, float,
     return best
 
 
+def demand(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> float:
+    """Return the greatest velocity and acceleration that a stretch asks of a joint, as share of its limit.
+
+    Asked by an arm whose rates are limited `FREE` times as widely, and smoothed with hindsight (5 Hz, zero phase): what
+    no controller with these limits could do without.
+    """
+    from scipy.signal import butter, filtfilt
+
+    limits = servo.robot.limits
+    rates = {name: FREE * getattr(limits, name) for name in ("velocity", "acceleration", "jerk")}
+    servo.set_limits(replace(limits, **rates))
+    try:
+        v = np.array([command.v for command in drive(servo, hand, first, plan).commands])
+    finally:
+        servo.set_limits(limits)
+    smooth = filtfilt(*butter(2, HINDSIGHT / (0.5 * servo.rate)), v, axis=0)
+    asked = np.abs(np.diff(smooth, axis=0)) * servo.rate / limits.acceleration
+    return float(max(asked.max(), (np.abs(smooth) / limits.velocity).max()))
+
+
 def evaluate(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> StretchResult:
     """Drive one stretch and measure it."""
+    asked = demand(servo, hand, first, plan)
     path, robot, rate = drive(servo, hand, first, plan), servo.robot, servo.rate
     q, v, a = (np.array([getattr(c, x) for c in path.commands]) for x in "qva")
     stride = max(1, round(rate / 250.0))
@@ -157,7 +180,7 @@ def evaluate(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> Stret
     later = int(ENGAGING * rate)
     follows = np.array([c.status is Status.FOLLOWING for c in path.commands])
     statuses = Counter(f"{c.status.name} {c.reason}".strip() for c in path.commands)
-    reachable = not any(s.startswith("UNREACHABLE") or s.endswith("position") for s in statuses)
+    reached = not any(s.startswith("UNREACHABLE") or s.endswith("position") for s in statuses)
     return StretchResult(
         first,
         1e3 * lag,
@@ -169,7 +192,8 @@ def evaluate(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> Stret
         100.0 * float(np.mean(follows)),
         100.0 * float(np.mean(follows[later:])),
         violations,
-        reachable,
+        asked,
+        reached and asked <= 1.0,
         dict(statuses.most_common()),
     )
 
@@ -232,9 +256,9 @@ HEADER = [
 def settings_of(o: argparse.Namespace) -> ServoSettings:
     """Return the servo's settings with what the command line replaces."""
     found = ServoSettings()
-    if o.alpha is not None:
-        found = replace(found, prediction=replace(found.prediction, alpha=o.alpha))
-    for name in ("bandwidth", "lag"):
+    if o.memory is not None:
+        found = replace(found, prediction=replace(found.prediction, memory=o.memory))
+    for name in ("bandwidth", "lag", "led"):
         if getattr(o, name) is not None:
             found = replace(found, **{name: getattr(o, name)})
     return found
@@ -262,7 +286,7 @@ def detail(label: str, results: Sequence[StretchResult]) -> str:
     rows = []
     for r in results:
         held = "; ".join(f"{what} {n}" for what, n in list(r.statuses.items())[:4] if what != "FOLLOWING")
-        numbers = [f"{getattr(r, n):.2f}" for n in ("error", "angle", "jerk_worst", "following")]
+        numbers = [f"{getattr(r, n):.2f}" for n in ("error", "angle", "jerk_worst", "following", "demand")]
         rows.append([str(r.first), f"{r.lag:.0f}", *numbers, "yes" if r.reachable else "no", held])
     header = [
         "from sample",
@@ -271,12 +295,17 @@ def detail(label: str, results: Sequence[StretchResult]) -> str:
         "angle [deg]",
         "jerk [%]",
         "following [%]",
+        "asked of the limits",
         "reachable",
     ]
     return f"**{label}**\n\n{markdown_table([*header, 'ticks otherwise'], rows)}"
 
 
-SWEEP = {"bandwidth": (30.0, 45.0, 60.0, 90.0), "lag": (0.0, 0.014, 0.028, 0.042), "alpha": (0.5, 0.65, 0.85)}
+SWEEP = {
+    "bandwidth": (35.0, 45.0, 55.0, 70.0, 90.0),
+    "lag": (0.0, 0.014, 0.028, 0.042),
+    "memory": (0.02, 0.035, 0.05),
+}
 
 
 def sweep(o: argparse.Namespace, plan: Plan) -> tuple[dict[str, Any], str]:
@@ -284,18 +313,20 @@ def sweep(o: argparse.Namespace, plan: Plan) -> tuple[dict[str, Any], str]:
     robot, rate, points = load_robot(o.robots[0]), o.rates[0], []
     for bandwidth in SWEEP["bandwidth"]:
         for lag in SWEEP["lag"]:
-            for alpha in SWEEP["alpha"]:
+            for memory in SWEEP["memory"]:
                 settings = ServoSettings(
-                    bandwidth=bandwidth, lag=lag, prediction=PredictionSettings(alpha=alpha)
+                    bandwidth=bandwidth, lag=lag, prediction=PredictionSettings(memory=memory)
                 )
                 make = lambda r, f, s=settings: Servo(r, f, s)  # noqa: E731
                 found = summary_of(run(make, robot, rate, plan))
-                points.append({"bandwidth": bandwidth, "lag set": lag, "alpha": alpha, **found})
+                points.append({"bandwidth": bandwidth, "lag set": lag, "memory": memory, **found})
                 print(".", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     points.sort(key=lambda p: p["lag"])
     label = f"{robot.name}, {rate:.0f} Hz, scale {plan.scale}"
-    rows = [row_of(f"{p['bandwidth']:.0f} rad/s, {p['lag set']} s, alpha {p['alpha']}", p) for p in points]
+    rows = [
+        row_of(f"{p['bandwidth']:.0f} rad/s, {p['lag set']} s, memory {p['memory']} s", p) for p in points
+    ]
     if o.output is not None:
         picture(points, label, o.output)
     return {"what": label, "points": points}, f"{label}\n\n{markdown_table(HEADER, rows)}"
@@ -312,14 +343,14 @@ def picture(points: Sequence[dict[str, float]], label: str, directory: Path) -> 
     dots = axes.scatter(
         [p["lag"] for p in points],
         [p["jerk_worst"] for p in points],
-        c=[min(p["error"], 4.0) for p in points],
+        c=[min(p["error"], 3.0) for p in points],
         s=[20.0 + 0.8 * p["bandwidth"] for p in points],
         cmap="viridis_r",
     )
-    figure.colorbar(dots, label="rms error after the lag [mm], 4 and above alike")
+    figure.colorbar(dots, label="rms error after the lag [mm], 3 and above alike")
     axes.axvline(30.0, color="0.6", linestyle="--", linewidth=1.0)
     axes.axhline(5.0, color="0.6", linestyle="--", linewidth=1.0)
-    axes.set(xlabel="lag [ms]", ylabel="rms jerk, worst joint [% of its limit]", yscale="log")
+    axes.set(xlabel="lag [ms]", ylabel="rms jerk, worst joint [% of its limit]", ylim=(0.0, None))
     axes.set_title(f"{label}: larger dots, higher bandwidth; dashed: the bar", fontsize=9)
     directory.mkdir(parents=True, exist_ok=True)
     figure.savefig(directory / "hand_sweep.png", dpi=130)
@@ -332,13 +363,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--robots", nargs="+", default=["panda", "ur5", "iiwa"])
     parser.add_argument("--rates", nargs="+", type=float, default=[500.0, 1000.0], metavar="HZ")
     parser.add_argument("--scales", nargs="+", type=float, default=[0.3], help="of position and rotation")
-    parser.add_argument("--fade", type=float, default=0.0, help="of the scale after engaging [s] (default 0)")
+    parser.add_argument("--fade", type=float, help="of the motion after engaging [s] (default: the clutch's)")
     parser.add_argument("--every", type=int, default=STRETCH, metavar="SAMPLES", help="from start to start")
     parser.add_argument("--stretches", type=int, help="at most so many (default: all there are)")
     parser.add_argument("--samples", type=int, default=STRETCH, help=f"of a stretch (default {STRETCH})")
     parser.add_argument("--bandwidth", type=float, help="of the reference model [rad/s]")
     parser.add_argument("--lag", type=float, help="behind the stream of samples [s]")
-    parser.add_argument("--alpha", type=float, help="of the prediction")
+    parser.add_argument("--led", type=float, help="share of the acceleration that is led along")
+    parser.add_argument("--memory", type=float, help="of the prediction [s]")
     parser.add_argument("--sweep", action="store_true", help="all of several settings on the first arm")
     parser.add_argument("--output", type=Path, metavar="DIR", help="where numbers, text and picture go")
     o = parser.parse_args(arguments)

@@ -22,6 +22,20 @@ DAMPING = 1.0
 """`lm_damping` of the frame tasks, as their examples have it."""
 
 
+BARRIER_GAIN = 60.0
+"""How fast Pink's barrier lets the way to a surface be used up [1/s]: as `GAIN`."""
+TOOL_RADIUS, KEPT, NOTICED = 0.02, 0.01, 0.1
+"""Of a surface: size of the ball at the tool, distance that is kept, distance from which mink looks [m]."""
+
+
+class Surface(NamedTuple):
+    """A plane that the tool must not pass: the way along ``axis`` of W, times ``sign``, goes up to ``at`` [m]."""
+
+    axis: int
+    sign: float
+    at: float
+
+
 class PeerTick(NamedTuple):
     """What a tick commanded and how long it took.
 
@@ -70,9 +84,12 @@ def _set_limits(joint: ElementTree.Element, robot: RobotModel, i: int) -> None:
 class PinkPeer:
     """Pink: frame and posture task, its position and velocity limits, and on request its acceleration limit."""
 
-    def __init__(self, robot: RobotModel, rate: float, accelerations: bool = False) -> None:
+    def __init__(
+        self, robot: RobotModel, rate: float, accelerations: bool = False, surface: Surface | None = None
+    ) -> None:
         import pink
         import pinocchio
+        from pink.barriers import PositionBarrier
         from pink.limits import AccelerationLimit, ConfigurationLimit, VelocityLimit
 
         self.name = (
@@ -87,6 +104,19 @@ class PinkPeer:
         )
         if self._acceleration is not None:
             self._limits.append(self._acceleration)
+        self._barriers = []
+        if surface is not None:
+            end = np.array([surface.sign * (surface.at - KEPT - TOOL_RADIUS)])
+            side = {"p_max": end} if surface.sign > 0 else {"p_min": end}
+            # Gains as in its own example of this barrier, but for the speed.
+            barrier = PositionBarrier(
+                robot.tip,
+                indices=[surface.axis],
+                gain=np.array([BARRIER_GAIN]),
+                safe_displacement_gain=1.0,
+                **side,
+            )
+            self._barriers.append(barrier)
         gain = min(1.0, GAIN * self.period)
         self._frame = pink.FrameTask(robot.tip, POSITION_COST, ORIENTATION_COST, DAMPING, gain)
         self._posture = pink.PostureTask(POSTURE_COST, gain=self.period)
@@ -119,6 +149,7 @@ class PinkPeer:
                 self.period,
                 solver="daqp",
                 limits=self._limits,
+                barriers=self._barriers,
                 safety_break=False,
             )
         except self._pink.exceptions.PinkError:
@@ -134,7 +165,7 @@ class MinkPeer:
 
     name = "mink, position + velocity"
 
-    def __init__(self, robot: RobotModel, rate: float) -> None:
+    def __init__(self, robot: RobotModel, rate: float, surface: Surface | None = None) -> None:
         import mink
         import mujoco
 
@@ -149,12 +180,33 @@ class MinkPeer:
             boundmass="1e-3",
             boundinertia="1e-6",
         )
-        self.model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+        if surface is not None:
+            ball, plane = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_PLANE
+            spec.body(robot.tip).add_geom(name="tool", type=ball, size=[TOOL_RADIUS, 0.0, 0.0])
+            normal = -surface.sign * np.eye(3)[surface.axis]
+            half_turn = np.array([*np.cross([0.0, 0.0, 1.0], normal), 1.0 + normal[2]])[[3, 0, 1, 2]]
+            spec.worldbody.add_geom(
+                name="surface",
+                type=plane,
+                size=[2.0, 2.0, 0.1],
+                pos=-surface.at * normal,
+                quat=half_turn / np.linalg.norm(half_turn),
+            )
+        self.model = spec.compile()
         names = [self.model.joint(i).name for i in range(self.model.njnt)]
         if tuple(names) != robot.joint_names:
             raise ValueError(f"MuJoCo orders the joints {names}, the arm {robot.joint_names}")
         velocity = dict(zip(names, robot.limits.velocity.tolist(), strict=True))
         self._limits = [mink.ConfigurationLimit(self.model), mink.VelocityLimit(self.model, velocity)]
+        if surface is not None:
+            avoid = mink.CollisionAvoidanceLimit(
+                self.model,
+                [(["tool"], ["surface"])],
+                minimum_distance_from_collisions=KEPT,
+                collision_detection_distance=NOTICED,
+            )
+            self._limits.append(avoid)
         gain = min(1.0, GAIN * self.period)
         self._frame = mink.FrameTask(robot.tip, "body", POSITION_COST, ORIENTATION_COST, gain, DAMPING)
         self._posture = mink.PostureTask(self.model, POSTURE_COST, gain=self.period)

@@ -1,4 +1,4 @@
-"""Whether an arm is calm when it is pressed against what it cannot pass: joint limits, and the end of its reach.
+"""Whether an arm is calm when pressed against what it cannot pass: joint limits, its reach, a table, a wall.
 
     python -m benchmarks.press --robots panda ur5 iiwa --output results
 
@@ -17,9 +17,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from benchmarks.machine import markdown_table, save
-from benchmarks.peers import MinkPeer, PinkPeer
+from benchmarks.peers import MinkPeer, PinkPeer, Surface
 from optsc.control.servo import Servo
-from optsc.geometry import Pose, rotation
+from optsc.geometry import Pose, TriangleMesh, rotation
+from optsc.ik import Avoidance
 from optsc.robot import RobotModel, load_robot
 
 APPROACH = 2.0
@@ -36,11 +37,18 @@ FAR = 1.0
 """How far beyond the arm's reach a target is [m]."""
 
 
+WALL = 0.15
+"""How far before the tool the wall stands [m]."""
+BEHIND = 0.3
+"""How far behind the surface of table or wall a target is [m]."""
+
+
 class Case(NamedTuple):
-    """A target that is not to be reached: its name, and where it is in the end."""
+    """A target that is not to be reached: its name, where it is in the end, and the surface in between, if any."""
 
     name: str
     X_WT: Pose
+    surface: Surface | None = None
 
 
 class Arm(Protocol):
@@ -50,10 +58,7 @@ class Arm(Protocol):
 
 
 def cases_for(robot: RobotModel) -> list[Case]:
-    """Return one case per joint with limits in the middle of the arm, and one behind the reach.
-
-    Cases of a table and of a wall belong here too, beside the servo's rows for distances.
-    """
+    """Return one case per joint with limits in the middle of the arm, one behind the reach, a table and a wall."""
     cases, X, limits = [], robot.forward(robot.home), robot.limits
     for i in range(1, robot.n - 1):
         if not limits.bounded[i]:
@@ -66,7 +71,29 @@ def cases_for(robot: RobotModel) -> list[Case]:
     outwards = np.array([X.translation[0], X.translation[1], 0.0])
     outwards *= FAR / np.linalg.norm(outwards)
     cases.append(Case("target behind the reach", Pose(X.quaternion, X.translation + outwards)))
+    ahead = int(np.argmax(np.abs(X.translation[:2])))
+    sign = 1.0 if X.translation[ahead] > 0.0 else -1.0
+    table = Surface(2, -1.0, 0.0)
+    wall = Surface(ahead, sign, sign * float(X.translation[ahead]) + WALL)
+    for name, surface in (("table", table), ("wall", wall)):
+        p = X.translation.copy()
+        p[surface.axis] = surface.sign * (surface.at + BEHIND)
+        cases.append(Case(name, Pose(X.quaternion, p), surface))
     return cases
+
+
+def avoidance_of(robot: RobotModel, surface: Surface) -> Avoidance:
+    """Return what keeps the servo's whole arm clear of itself and of a surface: the table, or a wall without one."""
+    if surface.axis == 2:
+        return Avoidance(robot, table_height=-surface.at)
+    half = np.array([1.5, 1.5, 1.5])
+    half[surface.axis] = 0.05
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    centre = np.zeros(3)
+    centre[surface.axis] = surface.sign * (surface.at + 0.05)
+    # Of a mesh its hull counts, so one face will do.
+    wall = TriangleMesh(half * corners, [[0, 1, 3]])
+    return Avoidance(robot, {"wall": (wall, Pose.from_translation(centre))}, table_height=None)
 
 
 def stream(robot: RobotModel, case: Case, rate: float, seconds: float, tremor: bool) -> list[Pose | None]:
@@ -88,11 +115,13 @@ def stream(robot: RobotModel, case: Case, rate: float, seconds: float, tremor: b
     return samples
 
 
-def arms_for(robot: RobotModel, rate: float) -> tuple[dict[str, Callable[[], Arm]], list[str]]:
+def arms_for(
+    robot: RobotModel, rate: float, surface: Surface | None
+) -> tuple[dict[str, Callable[[], Arm]], list[str]]:
     """Return what follows, by name, each made anew for each case; and what is not installed here."""
 
     def servo() -> Arm:
-        made = Servo(robot, rate)
+        made = Servo(robot, rate, avoid=None if surface is None else avoidance_of(robot, surface))
         return lambda X: made.step(X).v
 
     def peer(make: Callable[[], PinkPeer | MinkPeer]) -> Callable[[], Arm]:
@@ -103,9 +132,9 @@ def arms_for(robot: RobotModel, rate: float) -> tuple[dict[str, Callable[[], Arm
         return fresh
 
     peers: dict[str, Callable[[], PinkPeer | MinkPeer]] = {
-        "Pink": lambda: PinkPeer(robot, rate),
-        "Pink with accelerations": lambda: PinkPeer(robot, rate, accelerations=True),
-        "mink": lambda: MinkPeer(robot, rate),
+        "Pink": lambda: PinkPeer(robot, rate, surface=surface),
+        "Pink with accelerations": lambda: PinkPeer(robot, rate, accelerations=True, surface=surface),
+        "mink": lambda: MinkPeer(robot, rate, surface),
     }
     arms, missing = {"optsc": servo}, []
     for name, make in peers.items():
@@ -141,9 +170,9 @@ def _changes(signs: np.ndarray) -> int:
 
 def measure(robot: RobotModel, rate: float, seconds: float) -> dict[str, Any]:
     """Return all cases of one arm."""
-    arms, missing = arms_for(robot, rate)
-    found: dict[str, Any] = {"robot": robot.name, "missing": missing, "cases": {}}
+    found: dict[str, Any] = {"robot": robot.name, "missing": [], "cases": {}}
     for case in cases_for(robot):
+        arms, found["missing"] = arms_for(robot, rate, case.surface)
         for tremor in (False, True):
             samples = stream(robot, case, rate, seconds, tremor)
             name = case.name + (", with tremor" if tremor else "")

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 from math import exp
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from optsc.ik import Avoidance, DifferentialIK, IkSettings, make_solver, ramp_ti
 from optsc.operators import prediction
 from optsc.operators.prediction import REST, PredictionSettings, Track
 from optsc.robot import JointLimits, RobotModel
-from optsc.robot.differential import reference_model
+from optsc.robot.differential import ReferenceSettings, reference_model
 from optsc.robot.kernels.kernel import build_kernel
 from optsc.robot.viable import Bound
 from optsc.shaping import JointGuard
@@ -56,6 +57,11 @@ SINGULAR_SHARE = 0.1
 NOTICEABLE = (1e-3, 5e-3)
 """Distance and angle to the reference [m, rad] up to which the arm counts as following, whatever limit it touches
 (ours): half of what the tool may be off."""
+BEHIND = (4e-3, 2e-2)
+"""Distance and angle of the reference to its target [m, rad] from which on an arm at a limit counts as held back even
+where the reference has waited for it (ours): a brisk hand is half of that ahead of a free arm."""
+WAITING = 9e-3
+"""Time constant [s] with which the reference goes to an arm that is at a limit of its rates (ours)."""
 
 
 class Command(NamedTuple):
@@ -90,19 +96,21 @@ class ServoSettings:
 
     Attributes:
         bandwidth: of the reference model [rad/s]: higher follows more closely and passes on more of the noise.
+        led: share of the hand's acceleration that the reference is led along with. One is exact for a hand that
+            accelerates steadily; less is smoother.
         lag: how far behind a stream of targets the tool is led [s]. Zero means to be where the hand is now, which
             has to be guessed; a few hundredths make the motion several times smoother.
-        largest_error: distance and angle to the target that count at most [m, rad]; with the bandwidth they bound the
-            speed of catching up to about largest_error * bandwidth / 3. By default what the arm can brake from.
+        catching_up: speed at most with which a target is caught up with, beside its own [m/s, rad/s].
         timeout: age of the newest target after which the arm comes to rest [s].
         far: distance and angle to the reference beyond which a target counts as out of reach [m, rad].
         prediction: how samples are carried on to the present.
         ik: weights and gains of the quadratic program.
     """
 
-    bandwidth: float = 45.0
-    lag: float = 0.027
-    largest_error: tuple[float, float] | None = None
+    bandwidth: float = 55.0
+    lag: float = 0.028
+    led: float = 0.5
+    catching_up: tuple[float, float] = (0.5, 1.5)
     timeout: float = 0.1
     far: tuple[float, float] = (0.05, 0.2)
     prediction: PredictionSettings = field(default_factory=PredictionSettings)
@@ -115,32 +123,15 @@ class ServoSettings:
                 raise InvalidValue(name, value, "positive and finite")
         if not 0.0 <= self.lag < np.inf:
             raise InvalidValue("lag", self.lag, "finite and not negative [s]")
-        for name in ("largest_error", "far"):
+        if not 0.0 <= self.led <= 1.0:
+            raise InvalidValue("led", self.led, "a share, 0 to 1")
+        for name in ("catching_up", "far"):
             value = getattr(self, name)
-            if name == "largest_error" and value is None:
-                continue
             if len(value) != 2 or not all(np.isfinite(x) and x > 0 for x in value):
-                raise InvalidValue(name, value, "two positive numbers [m, rad]")
+                raise InvalidValue(name, value, "two positive numbers")
 
 
-def critically_damped(bandwidth: float, period: float) -> Array:
-    """Return the exact step (3, 3) of e, e', e'' over ``period`` [s] under (d/dt + bandwidth)^3 e = 0.
-
-    The generator A + bandwidth I is nilpotent, so the exponential series ends after the second power.
-    """
-    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-(bandwidth**3), -3 * bandwidth**2, -3 * bandwidth]])
-    N = A + bandwidth * np.eye(3)
-    return exp(-bandwidth * period) * (np.eye(3) + N * period + 0.5 * period**2 * N @ N)
-
-
-def catching_up(limits: JointLimits, bandwidth: float) -> tuple[float, float]:
-    """Return the largest errors [m, rad] for which the reference model brakes no harder than the arm can.
-
-    From a steady speed c = bandwidth * error / 3 a critically damped model of third order decelerates by about
-    c * bandwidth / e at most, with e = 2.718...
-    """
-    linear, angular = tool_braking(limits)
-    return 3.0 * exp(1.0) * linear / bandwidth**2, 3.0 * exp(1.0) * angular / bandwidth**2
+_PARTS = (ReferenceSettings.LINEAR, ReferenceSettings.ANGULAR)
 
 
 def _is_pose(p: list[float], q: list[float]) -> bool:
@@ -189,15 +180,17 @@ class Servo:
         self.settings, self.avoid = settings or ServoSettings(), avoid
         self.guard = JointGuard(robot.limits, self.period)
         self.ik = DifferentialIK(robot, self.period, self.settings.ik, make_solver(solver))
-        self._model = build_kernel(reference_model())
-        self._reference, self._target, transition, largest, period = self._model.inputs
-        (self._next_reference,) = self._model.outputs
+        self._model = build_kernel(reference_model(prediction.FADING))
+        self._reference, self._target, self._elapsed, values, period, self._led = self._model.inputs
+        self._next_reference, self._gap = self._model.outputs
         # An arm that ramps its accelerations slowly cannot follow a quick reference.
         bandwidth = min(self.settings.bandwidth, 1.0 / ramp_time(robot.limits))
-        transition[:] = critically_damped(bandwidth, self.period)
-        largest[:] = self.settings.largest_error or catching_up(robot.limits, bandwidth)
+        values[ReferenceSettings.BANDWIDTH] = bandwidth
+        for part, *pair in zip(_PARTS, tool_braking(robot.limits), self.settings.catching_up, strict=True):
+            values[part] = pair
         period[:] = self.period
         self._at_rest = np.zeros(robot.n)
+        self._waiting = 1.0 - exp(-self.period / WAITING)
         self._singular_volume = SINGULAR_SHARE * self.ik.volume(robot.home)
         self.reset(robot.home)
 
@@ -205,7 +198,10 @@ class Servo:
         """Start from posture ``q`` (n,) [rad] and velocity ``v`` (n,) [rad/s]; raise `InvalidValue`."""
         self.guard.reset(self.robot.checked(q), v)
         self.ticks = 0
+        self.spent = 0.0
+        """What the last tick took [s]; beside the command, which is the same whenever a run is repeated."""
         self._track: Track | None = None
+        self._given: Track | None = None  # the track that the reference model's target was written from
         self._stopped = True
 
     def set_limits(self, limits: JointLimits) -> None:
@@ -266,9 +262,16 @@ class Servo:
             return self._stop(Status.STALE, f"newest target is {age:.3f} s old")
         elapsed = age + self.period - self.settings.lag
         horizon = self.settings.prediction.horizon
-        if elapsed <= horizon:
-            return self.track(*prediction.predicted(track, elapsed), track.v, track.w)
-        return self.track(*prediction.predicted(track, horizon))
+        if elapsed > horizon:
+            return self.track(*prediction.predicted(track, horizon))
+        if self._stopped:
+            self._start()
+        if self._given is not track:
+            p, q, v, w, _, a, b = self._given = track
+            self._target[:] = (*p, *q, *v, *w, *a, *b)
+            self._led[0] = self.settings.led
+        self._elapsed[0] = elapsed
+        return self._follow()
 
     def observe(self, p: Vector, q: Quaternion, stamp: float) -> None:
         """Take in a target sampled at ``stamp`` [s]; finite and unit is the caller's promise."""
@@ -287,9 +290,15 @@ class Servo:
         """Move one tick towards a target pose, with its velocities and accelerations in W, at the end of the tick."""
         if self._stopped:
             self._start()
-        target, model = self._target, self._model
-        target[:] = (*p, *q, *v, *w, *a, *b)
-        model.run()
+        self._given = None
+        self._target[:] = (*p, *q, *v, *w, *a, *b)
+        self._elapsed[0], self._led[0] = 0.0, 1.0
+        return self._follow()
+
+    def _follow(self) -> Command:
+        """Move one tick on the way to the target that the reference model has been given."""
+        start = perf_counter()
+        self._model.run()
         reference, guard = self._reference, self.guard
         lowest, highest = guard.lowest, guard.highest
         rows = None if self.avoid is None else self.avoid.rows(guard.q, lowest, highest)
@@ -299,28 +308,50 @@ class Servo:
             return self._stop(Status.UNSOLVED, step.reason)
         # A little inside, or a reference that waits at just this distance would count as near at every other tick.
         far = _exceeds(step.error, self.settings.far, NEAR)
-        noticeable = _exceeds(step.error, NOTICEABLE)
+        gap = self._gap.tolist()
+        noticeable = _exceeds(step.error, NOTICEABLE) or gap[0] > BEHIND[0] or gap[1] > BEHIND[1]
         if far:
-            self._wait(step.error)
+            self._wait()
         wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
         status, reason = self._verdict(wanted, far) if noticeable else (Status.FOLLOWING, "")
+        if status is Status.LIMITED:
+            self._yield(wanted)
         if step.volume < self._singular_volume and noticeable:
             status, reason = self._singular(step.error, status, reason)
         state = guard.advance(wanted)
         self.ticks += 1
+        self.spent = perf_counter() - start
         return Command(
             *state, status, reason, step.error, step.volume, step.iterations, step.slack, guard.outside
         )
 
-    def _wait(self, error: Array) -> None:
+    def _wait(self) -> None:
         """Let the reference wait for an arm that cannot follow, so that there is no distance to make up in a rush."""
         X_WT, reference = self.X_WT, self._reference
         tool_q = tuple(X_WT.quaternion.tolist())
         far_p, far_r = self.settings.far
-        ahead_p = scalar.rotate(tool_q, scalar.shortened(tuple(error[:3].tolist()), far_p))
-        ahead_q = scalar.exp(scalar.shortened(tuple(error[3:].tolist()), far_r))
-        reference[:3] = X_WT.translation + ahead_p
-        reference[3:7] = scalar.multiply(tool_q, ahead_q)
+        ahead = scalar.shortened(tuple((reference[:3] - X_WT.translation).tolist()), far_p)
+        turn = scalar.log(scalar.multiply(tuple(reference[3:7].tolist()), scalar.conjugate(tool_q)))
+        reference[:3] = X_WT.translation + ahead
+        reference[3:7] = scalar.multiply(scalar.exp(scalar.shortened(turn, far_r)), tool_q)
+
+    def _yield(self, wanted: Array) -> None:
+        """Lead the reference to an arm that a limit of its rates holds back, so that it does not have to run after.
+
+        An arm that presses against the end of a joint is left alone: there is nothing that it could catch up with.
+        """
+        guard, reference = self.guard, self._reference
+        bounds = np.where(wanted <= guard.lowest, guard.bounds[:, 0], -1.0)
+        bounds = np.where(wanted >= guard.highest, guard.bounds[:, 1], bounds)
+        if (bounds == Bound.POSITION).any():
+            return
+        share, q = self._waiting, guard.q
+        X_WT, own = self.robot.forward(q), tuple(reference[3:7].tolist())
+        back = scalar.log(scalar.multiply(tuple(X_WT.quaternion.tolist()), scalar.conjugate(own)))
+        turn = scalar.exp((share * back[0], share * back[1], share * back[2]))
+        reference[:3] += share * (X_WT.translation - reference[:3])
+        reference[3:7] = scalar.multiply(turn, own)
+        reference[7:13] += share * (self.robot.jacobian(q) @ wanted - reference[7:13])
 
     def _singular(self, error: Array, status: Status, reason: str) -> tuple[Status, str]:
         """Say so where the arm lags in a direction that it is losing."""
@@ -351,12 +382,13 @@ class Servo:
         return self._stop(Status.HOLDING, "")
 
     def _stop(self, status: Status, reason: str) -> Command:
-        self._stopped = True
+        start, self._stopped = perf_counter(), True
         guard, rest = self.guard, self._at_rest
         if self.avoid is not None:
             rest = self.avoid.stopping(guard.q, guard.lowest, guard.highest, self.ik.solver)
         state = guard.advance(rest)
         self.ticks += 1
+        self.spent = perf_counter() - start
         if status is Status.HOLDING and state.v.any():
             status = Status.STOPPING
         return Command(*state, status, reason, np.zeros(6), 0.0, 0, 0.0, guard.outside)

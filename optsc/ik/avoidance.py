@@ -102,9 +102,13 @@ class Avoidance:
         """Place an obstacle, moving with ``twist`` (6,) in W; see `DistanceModel.move`."""
         self.model.move(name, X_WO, twist)
 
-    def hand_may_touch(self, *names: str) -> None:
-        """Let the hand touch these obstacles and no others; see `DistanceModel.hand_may_touch`."""
-        self.model.hand_may_touch(*names)
+    def hand_may_touch(self, *names: str | None) -> None:
+        """Let the hand touch these obstacles from now on and no others, such as one that it is about to grasp.
+
+        The hand is every link after the last joint. Links of the arm keep clear of these obstacles as before. None is
+        no obstacle: ``hand_may_touch(None)`` and ``hand_may_touch()`` let it touch nothing. Raises `UnknownName`.
+        """
+        self.model.hand_may_touch(*(name for name in names if name is not None))
 
     def rows(self, q: Array, lowest: Array, highest: Array) -> Rows | None:
         """Return the rows on the joint velocity of the next tick, which has the bounds given (n,) [rad/s]."""

@@ -5,11 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optsc.control.servo import Servo, ServoSettings, Status, critically_damped
+from optsc.control.servo import Servo, ServoSettings, Status
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.ik import IkSettings
+from optsc.operators import prediction
 from optsc.robot import ROBOT_NAMES, load_robot
+from optsc.robot.differential import reference_model
+from optsc.robot.kernels.kernel import Kernel
 
 TOLERANCE = 1e-9
 
@@ -98,6 +101,43 @@ def test_an_unreachable_target_neither_freezes_the_arm_nor_makes_it_lurch_when_i
     back = [servo.step(X, servo.time) for _ in range(2500)]
     assert_within(robot, servo.period, commands + back)
     assert np.linalg.norm(servo.X_WT.translation - X.translation) < 2e-3
+
+
+def test_an_angle_out_of_reach_does_not_keep_the_tool_from_its_place():
+    servo = Servo(load_robot("panda"), 500.0, ServoSettings(far=(0.05, 0.02)))
+    X = servo.X_WT
+    # Turned by more than half a turn about the vertical: joint 7 ends before.
+    for k in range(3000):
+        turned = rotation.multiply(rotation.exp([0, 0, min(0.001 * k, 3.0)]), X.quaternion)
+        shift = [0.0, 0.0, 0.05 * min(servo.time / 3.0, 1.0)]
+        servo.step(Pose(turned, X.translation + shift), servo.time)
+    assert servo.X_WT.translation[2] > X.translation[2] + 0.04
+
+
+def test_a_target_that_jumps_is_not_taken_for_one_that_moves():
+    servo = Servo(load_robot("panda"), 500.0)
+    X = servo.X_WT
+    servo.step(X, servo.time)
+    fastest = 0.0
+    for _ in range(1000):
+        before = servo.X_WT.translation
+        servo.step(Pose(X.quaternion, X.translation + [0.2, 0, 0]), servo.time)
+        fastest = max(fastest, np.linalg.norm(servo.X_WT.translation - before) * 500.0)
+    assert fastest < 1.05 * servo.settings.catching_up[0]
+    assert servo.X_WT.translation[0] == pytest.approx(X.translation[0] + 0.2, abs=1e-3)
+
+
+def test_how_far_a_joint_is_outside_is_returned_until_it_is_back():
+    robot = load_robot("panda")
+    servo, q = Servo(robot, 500.0), robot.home.copy()
+    q[5] = robot.limits.upper[5] + 0.05
+    servo.reset(q)
+    X = servo.X_WT
+    outside = [servo.step(X, servo.time).outside for _ in range(1500)]
+    assert outside[0] == pytest.approx(0.05, abs=1e-4)
+    assert np.all(np.diff(outside) <= 1e-9)
+    assert outside[-1] == 0.0
+    assert servo.spent > 0.0
 
 
 def test_without_new_targets_the_arm_comes_to_rest_and_says_so():
@@ -233,15 +273,37 @@ def test_the_same_input_gives_the_same_bytes():
     assert runs[0] == runs[1]
 
 
+def led_to(e0, v0, bandwidth, period, count, braking=3.0):
+    """Positions of the reference model on its way from ``e0`` at ``v0`` to a target at rest at zero."""
+    kernel = Kernel(reference_model(prediction.FADING), compiled=False)
+    reference, target, elapsed, values, T, share = kernel.inputs
+    reference[:], target[:], elapsed[:], T[:], share[:] = 0.0, 0.0, 0.0, period, 1.0
+    reference[3] = target[3] = 1.0
+    reference[0], reference[7] = e0, v0
+    values[:] = bandwidth, braking, 0.5, braking, 1.5
+    out = []
+    for _ in range(count):
+        kernel.run()
+        reference[:] = kernel.outputs[0]
+        out.append((reference[0], reference[7], reference[13]))
+    return np.array(out)
+
+
 def test_the_reference_model_is_the_exact_step_of_its_differential_equation():
-    w, h = 80.0, 2e-3
-    A = np.array([[0, 1, 0], [0, 0, 1], [-(w**3), -3 * w**2, -3 * w]])
-    eigenvalues = np.linalg.eigvals(np.eye(3) + A * h / 2**20)
-    assert np.all(np.abs(eigenvalues) < 1)
-    step = np.eye(3) + A * h / 2**20
-    for _ in range(20):
-        step = step @ step
-    np.testing.assert_allclose(critically_damped(w, h), step, rtol=1e-4, atol=1e-4)
+    w, h, e0 = 40.0, 4e-3, 2e-3
+    t = h * np.arange(1, 101)
+    exact = e0 * np.exp(-w * t) * (1 + w * t + 0.5 * (w * t) ** 2)
+    np.testing.assert_allclose(led_to(e0, 0.0, w, h, 100)[:, 0], exact, atol=1e-12)
+
+
+@pytest.mark.parametrize("bandwidth", [45.0, 80.0])
+@pytest.mark.parametrize("start", [(0.01, 0.0), (0.1, 0.0), (0.5, 0.0), (0.1, 0.3)])
+def test_from_far_the_reference_catches_up_without_overshoot_and_no_harder_than_the_arm_can(start, bandwidth):
+    e, v, a = led_to(*start, bandwidth, 2e-3, 1000).T
+    assert np.all(e >= -1e-9)
+    assert abs(e[-1]) < 1e-4
+    assert np.abs(v).max() <= 0.5
+    assert np.abs(a).max() <= (2.0 if start[1] == 0.0 else 3.5) * 3.0
 
 
 def test_bad_settings_are_refused():

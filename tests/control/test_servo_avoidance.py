@@ -166,6 +166,23 @@ def test_an_obstacle_that_moves_pushes_the_arm_away(told):
     assert any("cube" in c.reason for c in commands)
 
 
+def test_distances_give_before_joint_limits_do_and_by_how_much_is_returned():
+    robot, avoid = with_cube("panda")
+    servo = Servo(robot, RATE, avoid=avoid)
+    X, commands = servo.X_WT, []
+    avoid.move("cube", Pose.from_translation([0, 0, 5.0]))
+    for _ in range(20):
+        commands.append(servo.step(X, servo.time))
+    assert all(c.slack == 0.0 for c in commands)
+    # Faster than any arm gets out of the way.
+    avoid.move("cube", Pose.from_translation(X.translation + [0.1, 0.0, -0.02]), [-8.0, 0, 0, 0, 0, 0])
+    for _ in range(20):
+        commands.append(servo.step(X, servo.time))
+    assert commands[-1].slack > 3.0
+    assert_within(robot, commands)
+    avoid.move("cube", Pose.from_translation([0, 0, 5.0]))
+
+
 @pytest.mark.parametrize("solver", ["proxqp", "quadprog"])
 def test_every_solver_avoids_alike(solver):
     pytest.importorskip("quadprog")
@@ -178,7 +195,7 @@ def test_every_solver_avoids_alike(solver):
         a, b = (servo.step(down, servo.time) for servo in servos)
         # Spare motion weighs little, so that solvers of finite accuracy may slowly drift apart in it.
         np.testing.assert_allclose(a.q, b.q, atol=2e-3)
-        np.testing.assert_allclose(*(s.X_WT.translation for s in servos), atol=1e-4)
+        np.testing.assert_allclose(*(s.X_WT.translation for s in servos), atol=3e-4)
     assert "table" in a.reason
 
 
