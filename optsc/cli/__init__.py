@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import optsc
 from optsc.errors import OptscError
 
-_COMMANDS = ("bench", "demo", "doctor", "grasps")
+_COMMANDS = ("bench", "demo", "doctor", "grasps", "study", "sweep")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -49,6 +49,8 @@ class GraspSelector(selection.GraspSelector):
             solutions = solve_ik(robot, X_WT, rng=np.random.default_rng(0), seeds=seeds, restarts=RESTARTS)
             return solutions.q, solutions.success
 
+        # What a single pose needs is built now, not in the middle of a control tick.
+        solve(robot.forward(robot.home[None]), robot.home)
         super().__init__(
             robot,
             rule,

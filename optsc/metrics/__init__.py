@@ -5,16 +5,25 @@ motion is NaN when there is none, so that it cannot be mistaken for a good score
 raises `InvalidValue`, naming the first bad row.
 """
 
+from optsc.metrics.clearance import Nearest, PathClearance, path_clearance
 from optsc.metrics.interaction import (
     Agreement,
     agreement,
+    authority,
     intervention_ratio,
     operator_effort,
     rising_edges,
     switch_count,
     time_in_mode,
 )
-from optsc.metrics.limits import LimitViolations, limit_violations, rms_jerk_ratio
+from optsc.metrics.limits import (
+    LimitMargins,
+    LimitViolations,
+    limit_margins,
+    limit_violations,
+    rms_jerk_ratio,
+)
+from optsc.metrics.motion import Hand, Motion
 from optsc.metrics.paths import path_length, rotation_path, straightness
 from optsc.metrics.smoothness import (
     angular_velocity,
@@ -25,28 +34,50 @@ from optsc.metrics.smoothness import (
     resample,
     sparc,
 )
+from optsc.metrics.summary import (
+    hand_velocity,
+    interaction_measures,
+    jump_measures,
+    motion_measures,
+    smoothness,
+    summarise,
+)
 from optsc.metrics.switching import SwitchJump, switch_indices, switch_jump
 
 __all__ = [
     "Agreement",
+    "Hand",
+    "LimitMargins",
     "LimitViolations",
+    "Motion",
+    "Nearest",
+    "PathClearance",
     "SwitchJump",
     "agreement",
     "angular_velocity",
+    "authority",
     "dimensionless_jerk",
+    "hand_velocity",
+    "interaction_measures",
     "intervention_ratio",
     "joint_log_dimensionless_jerk",
+    "jump_measures",
+    "limit_margins",
     "limit_violations",
     "log_dimensionless_jerk",
+    "motion_measures",
     "movement_window",
     "operator_effort",
+    "path_clearance",
     "path_length",
     "resample",
     "rising_edges",
     "rms_jerk_ratio",
     "rotation_path",
+    "smoothness",
     "sparc",
     "straightness",
+    "summarise",
     "switch_count",
     "switch_indices",
     "switch_jump",

@@ -92,5 +92,21 @@ def agreement(operator: ArrayLike, robot: ArrayLike, deadband: float = 0.0) -> A
     return Agreement(float(np.mean(cosine)), float(np.mean(cosine < 0.0)), float(np.mean(both)))
 
 
+def authority(operator: ArrayLike, executed: ArrayLike, deadband: float = 0.0) -> float:
+    """Return how far the executed motion departs from the operator's wish [-]: mean of ||u_exec - u_h|| / ||u_h||.
+
+    Both are velocities (N, d) in one frame; only samples at which the operator is faster than ``deadband`` count. 0
+    where the robot does just what it is told; NaN where the operator never wished anything.
+    """
+    u, w = finite("operator's velocity", operator), finite("executed velocity", executed)
+    if u.shape != w.shape:
+        raise InvalidValue("executed velocity", w.shape, f"shape {u.shape}, as the operator's")
+    speed = np.linalg.norm(u, axis=1)
+    wishing = speed > checks.deadband(deadband)
+    if not np.any(wishing):
+        return nan
+    return float(np.mean(np.linalg.norm((w - u)[wishing], axis=1) / speed[wishing]))
+
+
 def _speed(velocity: ArrayLike) -> Array:
     return np.linalg.norm(profile("hand velocity", velocity), axis=1)

@@ -98,6 +98,39 @@ def limit_violations(
     )
 
 
+class LimitMargins(NamedTuple):
+    """How much room a motion left to the position limits, of the joint and sample that had the least.
+
+    Attributes:
+        least: [rad]; negative beyond a limit, infinite where no joint has one.
+        least_share: the same as a share of half the joint's range [-]: 1 in the middle, 0 at a limit.
+        mean_share: mean over the samples of each one's least share [-].
+    """
+
+    least: float
+    least_share: float
+    mean_share: float
+
+
+def limit_margins(q: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> LimitMargins:
+    """Return the margins of joint positions ``q`` (N, n) [rad] to limits (n,); infinite without samples.
+
+    Joints without two limits have no range to take a share of, and count in neither share.
+    """
+    positions = finite("q", q)
+    n = positions.shape[1]
+    low, high = _limits("lower", lower, n), _limits("upper", upper, n)
+    margin = np.minimum(positions - low, high - positions)
+    bounded = np.isfinite(low) & np.isfinite(high)
+    share = margin[:, bounded] / (0.5 * (high - low)[bounded])
+    worst = np.min(share, axis=1, initial=np.inf)
+    return LimitMargins(
+        float(np.min(margin, initial=np.inf)),
+        float(np.min(worst, initial=np.inf)),
+        float(np.mean(worst)) if len(worst) else float("inf"),
+    )
+
+
 def rms_jerk_ratio(a: ArrayLike, rate: float, jerk: ArrayLike) -> float:
     """Return the root mean square, over time and joints, of the jerk's share of its limit [-].
 

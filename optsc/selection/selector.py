@@ -203,11 +203,14 @@ class GraspSelector:
             viewpoint = self.hysteresis.dragged(self._viewpoint, viewpoint)
         inputs = Inputs(self._grid, self.rule, self._in_force, *viewpoint)
         if self.ranking is None or viewpoint is not self._viewpoint or not self.ranking.follows_from(inputs):
-            self.ranking, self._viewpoint = self._ranked(inputs, budget), viewpoint
+            self.ranking, self._viewpoint = self._ranked(inputs, budget, refresh_limit is not None), viewpoint
         return self.ranking
 
-    def _ranked(self, inputs: Inputs, budget: int) -> Ranking:
-        """Decide, solve the finalists' outdated rows anew and decide again, while the budget lasts."""
+    def _ranked(self, inputs: Inputs, budget: int, thorough: bool) -> Ranking:
+        """Decide, solve the finalists' outdated rows anew and decide again: once, or while the budget lasts.
+
+        Every round has its price, so at an ordinary tick there is one, and the next ticks catch up.
+        """
         while True:
             situation, selection = decide(inputs)
             rows = self._outdated(situation, selection.finalists(FINALISTS))
@@ -215,7 +218,7 @@ class GraspSelector:
                 return Ranking.of_decision(inputs, situation, selection, stale=len(rows) > 0)
             grid = inputs.grid.with_table(self._refreshed(inputs.grid.table, rows[:budget], inputs.q))
             self._grid, inputs = grid, inputs._replace(grid=grid)
-            budget -= len(rows)
+            budget = budget - len(rows) if thorough else 0
 
     def _outdated(self, situation: Situation, places: np.ndarray) -> np.ndarray:
         """Return the rows at ``places`` that were solved too far away, those nearest to the hand first."""

@@ -1,0 +1,216 @@
+"""The paper's experiment: both strategies from the same ready pose, in the same scenes, at the same speed.
+
+For every scene one person leads the arm to a ready pose and hands over. From that very moment, posture and velocity
+included, the robot goes once to the grasp that the paper's cascade chooses, and once to that of greatest
+manipulability. What differs between the two motions is the choice of the grasp and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from math import degrees
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optsc.study.conditions import MANIPULABILITY_ONLY, MEASURES, PAPER, Condition, Person
+from optsc.study.engine import Engine
+from optsc.study.outcomes import MEASURED, Row
+from optsc.study.scenes import Scene
+from optsc.study.staging import Settings
+from optsc.study.statistics import PairedDifference, paired_difference, share_interval
+
+STRATEGIES = (PAPER, MANIPULABILITY_ONLY)
+CLAIMS: dict[str, tuple[str, float]] = {
+    "shorter": ("path_length_m", -1.0),
+    "turns less": ("rotation_rad", -1.0),
+    "smoother (tool)": ("ldlj_tool", 1.0),
+    "smoother (joints)": ("ldlj_joint", 1.0),
+    "quicker": ("duration_s", -1.0),
+}
+"""The paper's claim in parts: the measure of each, and the sign of a difference in its favour."""
+COMPARED = (*MEASURED, "target_yoshikawa", "target_travel_rad", "jump_target_distance_m", "jump_target_chord")
+"""Measures whose paired differences are reported."""
+MARGIN = 1e-6
+"""Differences up to this are none: both chose the same grasp."""
+
+
+def approach_conditions(measures: Sequence[str] | None = None) -> tuple[Condition, ...]:
+    """Return both strategies under each definition of M, by default all of `MEASURES`; raise `UnknownName`."""
+    return tuple(strategy.with_measure(name) for name, strategy in product(measures or MEASURES, STRATEGIES))
+
+
+class Pair(NamedTuple):
+    """One case under both strategies."""
+
+    paper: Row
+    other: Row
+
+    @property
+    def complete(self) -> bool:
+        """Whether both arrived at a grasp of the same object."""
+        return bool(
+            self.paper["arrived"] and self.other["arrived"] and self.paper["object"] == self.other["object"]
+        )
+
+    @property
+    def same_grasp(self) -> bool:
+        """Whether both chose the same grasp, jaws the same way round."""
+        names = ("candidate", "half_turn", "hand_over")
+        return all(self.paper[name] == self.other[name] for name in names)
+
+
+def pairs_of(rows: Sequence[Row], robot: str, measure: str) -> list[Pair]:
+    """Return the cases of one arm and one definition of M, in the order of the rows."""
+    sides: dict[tuple[str, str, int], dict[str, Row]] = {}
+    for row in rows:
+        if row["robot"] == robot and row["measure"] == measure:
+            case = (row["scene"], row["person"], row["person_seed"])
+            sides.setdefault(case, {})[row["condition"]] = row
+    names = [strategy.name for strategy in STRATEGIES]
+    return [Pair(*(side[name] for name in names)) for side in sides.values() if set(names) <= set(side)]
+
+
+class Comparison(NamedTuple):
+    """What came out for one arm and one definition of M.
+
+    Attributes:
+        robot, measure: which.
+        cases: how many pairs there are, complete ones among them, those with the same grasp among these.
+        differences: by measure, paper minus manipulability only, over the complete pairs.
+        arrived: of each strategy, the share of all cases in which it arrived at a grasp, with its interval.
+    """
+
+    robot: str
+    measure: str
+    cases: tuple[int, int, int]
+    differences: dict[str, PairedDifference]
+    arrived: dict[str, tuple[float, float, float]]
+
+
+def compare(rows: Sequence[Row], seed: int = 0) -> list[Comparison]:
+    """Return the comparison for each arm and definition of M in ``rows``; ``seed`` is of the bootstrap."""
+    found = []
+    for robot in dict.fromkeys(row["robot"] for row in rows):
+        for measure in dict.fromkeys(row["measure"] for row in rows):
+            pairs = pairs_of(rows, robot, measure)
+            complete = [pair for pair in pairs if pair.complete]
+            # The same resamples for every measure: intervals differ by the data alone.
+            differences = {
+                name: paired_difference(
+                    [pair.paper[name] for pair in complete],
+                    [pair.other[name] for pair in complete],
+                    np.random.default_rng(seed),
+                )
+                for name in COMPARED
+            }
+            arrived = {
+                strategy.name: tuple(
+                    share_interval(sum(bool(pair[k]["success"]) for pair in pairs), len(pairs))
+                )
+                for k, strategy in enumerate(STRATEGIES)
+            }
+            counts = (len(pairs), len(complete), sum(pair.same_grasp for pair in complete))
+            found.append(Comparison(robot, measure, counts, differences, arrived))  # type: ignore[arg-type]
+    return found
+
+
+_FACTS = (
+    *("grasp", "half_turn", "arrived", "ended", "object", "jump_target_distance_m", "jump_target_chord"),
+    *("target_yoshikawa", "target_manipulability", "path_length_m", "rotation_rad", "duration_s"),
+    *("ldlj_tool", "ldlj_joint", "straightness", "target_travel_rad"),
+)
+
+
+class Failure(NamedTuple):
+    """A case in which the paper's strategy did worse in some part of the claim.
+
+    Attributes:
+        pair: both rows.
+        parts: which parts of the claim failed, and by how much: paper minus manipulability only.
+        why: what the numbers say about the reason, in words; one of few sentences, so that they can be counted.
+    """
+
+    pair: Pair
+    parts: dict[str, float]
+    why: str
+
+    def row(self) -> Row:
+        """Return the case as one flat row: enough to see it, and to run it again."""
+        paper, other = self.pair
+        names = ("robot", "measure", "scene", "scene_seed", "level", "goal", "person", "person_seed")
+        sides: dict[str, Any] = {}
+        for side, row in (("paper", paper), ("other", other)):
+            sides.update({f"{side}_{name}": row[name] for name in _FACTS})
+        failed = ", ".join(self.parts)
+        return {**{name: paper[name] for name in names}, "failed": failed, "why": self.why, **sides}
+
+
+def failures(rows: Sequence[Row]) -> list[Failure]:
+    """Return every case in which some part of the claim fails, the longest detours first."""
+    found = []
+    for robot in dict.fromkeys(row["robot"] for row in rows):
+        for measure in dict.fromkeys(row["measure"] for row in rows):
+            for pair in pairs_of(rows, robot, measure):
+                parts = _worse(pair)
+                if parts:
+                    found.append(Failure(pair, parts, _why(pair, parts)))
+    return sorted(found, key=lambda failure: -failure.parts.get("shorter", 0.0))
+
+
+def _worse(pair: Pair) -> dict[str, float]:
+    paper, other = pair
+    if not pair.complete:
+        return {"arrives": 0.0} if other["success"] and not paper["success"] else {}
+    differences = {part: paper[name] - other[name] for part, (name, _) in CLAIMS.items()}
+    return {part: d for part, d in differences.items() if d * CLAIMS[part][1] < -MARGIN}
+
+
+def _why(pair: Pair, parts: dict[str, float]) -> str:
+    paper, other = pair
+    if "arrives" in parts:
+        return f"the paper's choice did not arrive: {paper['ended']}"
+    nearer = paper["jump_target_distance_m"] <= other["jump_target_distance_m"]
+    turned = paper["jump_target_chord"] <= other["jump_target_chord"]
+    if "shorter" in parts:
+        if not nearer and turned:
+            return (
+                "orientation came first: a nearer grasp was turned more, and was left out by the first stage"
+            )
+        if nearer:
+            return "the grasp is nearer, but the way to it over its pre-grasp is longer"
+        return "of the six finalists the one of greatest M is further away and turned more than the other's choice"
+    if "quicker" in parts or "turns less" in parts:
+        return "the way is not longer, but the tool turns more, and turning set the pace"
+    return "shorter, but less smooth by a measure that weighs how motion starts and stops"
+
+
+def explanation(failure: Failure, settings: Settings, scene: Scene) -> str:
+    """Return in words and numbers why the paper's cascade passed over the grasp of greatest M, from the scene itself.
+
+    The scene is set up and led to the hand-over again, which takes about a second.
+    """
+    paper, other = failure.pair
+    engine = Engine(scene, Person(paper["person"], paper["person_seed"]), settings)
+    choices = engine.choices([strategy.with_measure(paper["measure"]) for strategy in STRATEGIES])
+    if choices[0] is None:
+        return "the paper's strategy chose nothing"
+    if choices[1] is None:
+        return "the grasp of greatest M was not chosen at all"
+    ranking, rival = choices[0].ranking, choices[1].target
+    here, there = choices[0].target, rival
+    lines = [
+        f"hand-over at {engine.hand_over(choices[0].hand_over).tick / settings.rate:.2f} s; "  # type: ignore[union-attr]
+        f"paper's grasp {here.grasp_index} of the {here.object_name}: "
+        f"{1e3 * paper['jump_target_distance_m']:.0f} mm and {_angle(paper):.0f}° away, M {here.manipulability:.4g}; "
+        f"greatest M: grasp {there.grasp_index}, {1e3 * other['jump_target_distance_m']:.0f} mm and "
+        f"{_angle(other):.0f}° away, M {there.manipulability:.4g}",
+        ranking.explain(rival.candidate),
+    ]
+    return "\n".join(lines)
+
+
+def _angle(row: Row) -> float:
+    """Return the angle between tool and target at the hand-over [deg] from the chord 2 sin(angle / 4)."""
+    return degrees(4.0 * np.arcsin(min(0.5 * row["jump_target_chord"], 1.0)))

@@ -1,0 +1,259 @@
+"""The report of the paper's experiment: differences with intervals, where the claim fails and why, and how it looks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from optsc.study.approach import (
+    CLAIMS,
+    STRATEGIES,
+    Comparison,
+    Failure,
+    Pair,
+    explanation,
+    pairs_of,
+)
+from optsc.study.conditions import Person
+from optsc.study.engine import Engine
+from optsc.study.outcomes import Row
+from optsc.study.scenes import Scene
+from optsc.study.staging import Settings
+from optsc.viewers.report import Picture, Report, Table
+from optsc.viewers.report_motion import Path, timelines, trajectories
+from optsc.viewers.report_statistics import Estimate, Scatter, forest, paired_scatter
+
+EXPLAINED = 12
+"""Failing cases that are told in words, the longest detours first."""
+DRAWN = 2
+"""Failing cases that are drawn for each arm."""
+UNITS = {"shorter": "path [m]", "turns less": "turn [rad]", "quicker": "time [s]"}
+
+
+def summary_of(comparisons: Sequence[Comparison], failed: Sequence[Failure]) -> dict[str, Any]:
+    """Return the results for machines."""
+    results = [
+        {
+            "robot": c.robot,
+            "measure": c.measure,
+            "cases": c.cases[0],
+            "complete_pairs": c.cases[1],
+            "same_grasp": c.cases[2],
+            "success": c.arrived,
+            "differences": {name: difference._asdict() for name, difference in c.differences.items()},
+        }
+        for c in comparisons
+    ]
+    reasons: dict[str, dict[str, int]] = {}
+    for robot in dict.fromkeys(c.robot for c in comparisons):
+        reasons[robot] = dict(Counter(f.why for f in failed if f.pair.paper["robot"] == robot).most_common())
+    return {"comparisons": results, "failures": len(failed), "reasons": reasons}
+
+
+def build(
+    rows: Sequence[Row],
+    comparisons: Sequence[Comparison],
+    failed: Sequence[Failure],
+    scenes: Mapping[str, Scene],
+    settings: Settings,
+    command: str,
+) -> Report:
+    """Return the report; ``scenes`` are those of the rows, by hash."""
+    report = Report(
+        "The grasp that suits hand and arm, against the grasp that suits the arm alone",
+        "Both strategies start from the same hand-over in the same scene at the same speed; what differs is which "
+        "grasp is chosen. Differences are paper minus manipulability only, each scene counts once.",
+    )
+    report.add("How it was made", f"Command: {command}", *_counts(comparisons))
+    report.add("The claim in parts", _forest(comparisons), *_tables(comparisons))
+    report.add("Case by case", _scatter(rows, comparisons))
+    report.add("Where it fails", *_failure_tables(failed), *_explained(failed, scenes, settings))
+    report.add("What it looks like", *_pictures(rows, comparisons, failed, scenes, settings))
+    return report
+
+
+def _counts(comparisons: Sequence[Comparison]) -> list[Table]:
+    head = ["arm", "M", "cases", "both arrived", "same grasp", *(f"success: {s.name}" for s in STRATEGIES)]
+    lines = []
+    for c in comparisons:
+        shares = [_share(c.arrived[strategy.name]) for strategy in STRATEGIES]
+        lines.append([c.robot, c.measure, *c.cases, *shares])
+    return [
+        Table(
+            head, lines, "Cases; success is arriving at a grasp of the wanted object, with Wilson's interval"
+        )
+    ]
+
+
+def _share(interval: tuple[float, float, float]) -> str:
+    value, low, high = (100.0 * x for x in interval)
+    return f"{value:.1f} % ({low:.1f} to {high:.1f})"
+
+
+def _forest(comparisons: Sequence[Comparison]) -> Picture:
+    robots = list(dict.fromkeys(c.robot for c in comparisons))
+    measures = list(dict.fromkeys(c.measure for c in comparisons))
+    by_place = {(c.robot, c.measure): c for c in comparisons}
+    panels = {
+        UNITS.get(part, part): {
+            robot: [Estimate(*by_place[robot, m].differences[name].mean) for m in measures]
+            for robot in robots
+        }
+        for part, (name, _) in CLAIMS.items()
+    }
+    signs = {UNITS.get(part, part): sign for part, (_, sign) in CLAIMS.items()}
+    caption = (
+        "Mean paired differences, paper minus manipulability only, with 95 % bootstrap intervals, for each definition "
+        "of M. The tinted side is in favour of the claim; smoothness is log dimensionless jerk, greater is smoother."
+    )
+    return Picture("differences", forest(panels, measures, signs), caption)
+
+
+def _tables(comparisons: Sequence[Comparison]) -> list[Table]:
+    head = [
+        "M",
+        "pairs",
+        "paper",
+        "other",
+        "difference",
+        "95 %",
+        "relative",
+        "d_z",
+        "rank-biserial",
+        "paper better",
+    ]
+    tables = []
+    for robot in dict.fromkeys(c.robot for c in comparisons):
+        for part, (name, sign) in CLAIMS.items():
+            lines = []
+            for c in (c for c in comparisons if c.robot == robot):
+                d = c.differences[name]
+                better = d.less if sign < 0.0 else d.more
+                interval = f"{d.mean.low:.3g} to {d.mean.high:.3g}"
+                numbers = [d.pairs, d.mean_a, d.mean_b, d.mean.value, interval, f"{100 * d.relative:.1f} %"]
+                lines.append([c.measure, *numbers, d.d_z, d.rank_biserial, f"{100 * better:.0f} %"])
+            tables.append(Table(head, lines, f"{robot}: {part} ({name})"))
+    return tables
+
+
+def _scatter(rows: Sequence[Row], comparisons: Sequence[Comparison]) -> Picture:
+    measure = comparisons[0].measure
+    panels = []
+    for robot in dict.fromkeys(c.robot for c in comparisons):
+        pairs = [pair for pair in pairs_of(rows, robot, measure) if pair.complete]
+        x, y = (np.array([pair[k]["path_length_m"] for pair in pairs]) for k in (1, 0))
+        panels.append(Scatter(f"{robot}, M: {measure}", x, y, y > x + 1e-6))
+    figure = paired_scatter(panels, "manipulability only: path [m]", "paper: path [m]", "paper longer")
+    return Picture("paths", figure, "One point per scene; below the diagonal the paper's way is shorter.")
+
+
+def _failure_tables(failed: Sequence[Failure]) -> list[Table | str]:
+    if not failed:
+        return ["In no case was any part of the claim wrong."]
+    reasons: Counter[tuple[str, str]] = Counter((f.pair.paper["robot"], f.why) for f in failed)
+    lines = [[robot, why, count] for (robot, why), count in reasons.most_common()]
+    listed = []
+    for failure in failed[:40]:
+        paper, other = failure.pair
+        numbers = [_millimetres(paper), _millimetres(other), paper["path_length_m"], other["path_length_m"]]
+        times = [paper["duration_s"], other["duration_s"]]
+        case = [paper["robot"], paper["measure"], paper["scene_seed"], paper["goal"]]
+        listed.append([*case, *numbers, *times, ", ".join(failure.parts)])
+    head = [
+        "arm",
+        "M",
+        "scene",
+        "object",
+        "to grasp, paper [mm]",
+        "other [mm]",
+        "path, paper [m]",
+        "other [m]",
+    ]
+    return [
+        Table(
+            ["arm", "why", "cases"],
+            lines,
+            "Why some part of the claim fails, counted over all definitions of M",
+        ),
+        Table(
+            [*head, "time, paper [s]", "other [s]", "parts that fail"],
+            listed,
+            f"The {len(listed)} longest detours of {len(failed)}; all of them with all numbers are in failures.csv",
+        ),
+    ]
+
+
+def _millimetres(row: Row) -> float:
+    return 1e3 * row["jump_target_distance_m"]
+
+
+def _explained(failed: Sequence[Failure], scenes: Mapping[str, Scene], settings: Settings) -> list[Table]:
+    lines = []
+    for failure in _distinct(failed)[:EXPLAINED]:
+        paper = failure.pair.paper
+        words = explanation(failure, settings, scenes[paper["scene"]])
+        lines.append([f"{paper['robot']} {paper['measure']} {paper['scene_seed']}", failure.why, words])
+    return (
+        [Table(["case", "why", "the choice in its own words"], lines, "Failing cases, looked at")]
+        if lines
+        else []
+    )
+
+
+def _distinct(failed: Sequence[Failure]) -> list[Failure]:
+    """Return one failure for each scene and pair of choices: several definitions of M often choose the same two."""
+    found: dict[tuple[Any, ...], Failure] = {}
+    for failure in failed:
+        paper, other = failure.pair
+        found.setdefault((paper["scene"], paper["candidate"], other["candidate"]), failure)
+    return list(found.values())
+
+
+def _pictures(
+    rows: Sequence[Row],
+    comparisons: Sequence[Comparison],
+    failed: Sequence[Failure],
+    scenes: Mapping[str, Scene],
+    settings: Settings,
+) -> list[Picture]:
+    pictures, bars = [], []
+    for robot in dict.fromkeys(c.robot for c in comparisons):
+        pairs = [p for p in pairs_of(rows, robot, comparisons[0].measure) if p.complete and not p.same_grasp]
+        pairs.sort(key=lambda pair: pair.paper["path_length_m"] - pair.other["path_length_m"])
+        shown = [("typical", pairs[len(pairs) // 2])] if pairs else []
+        worst = [f.pair for f in _distinct(failed) if f.pair.paper["robot"] == robot and f.pair.complete]
+        shown += [(f"failing {k}", pair) for k, pair in enumerate(worst[:DRAWN], 1)]
+        for name, pair in shown:
+            scene = scenes[pair.paper["scene"]]
+            paths = paths_of(scene, pair, settings)
+            bars += [_renamed(path, f"{robot}, {name}: {path.label}") for path in paths]
+            world = scene.world()
+            objects = {n: (model.parts, world.X_WO[n]) for n, model in world.objects.items()}
+            title = f"{robot}, scene {scene.seed}, {scene.goal}: {name} case"
+            figure = trajectories(objects, paths, title, scene.goal)
+            words = "The way of the tool, coloured by mode; a circle marks the hand-over, a fork the chosen grasp."
+            pictures.append(Picture(f"way_{robot}_{name.replace(' ', '_')}", figure, f"{title}. {words}"))
+    if bars:
+        caption = "Who led when, from the first sample to the grasp."
+        pictures.append(Picture("timelines", timelines(bars), caption))
+    return pictures
+
+
+def _renamed(path: Path, label: str) -> Path:
+    return Path(label, path.p, path.modes, path.rate, path.X_WG)
+
+
+def paths_of(scene: Scene, pair: Pair, settings: Settings) -> list[Path]:
+    """Return the tool's way under both strategies, made again from the rows' own seeds."""
+    engine = Engine(scene, Person(pair.paper["person"], pair.paper["person_seed"]), settings)
+    conditions = [strategy.with_measure(pair.paper["measure"]) for strategy in STRATEGIES]
+    found = []
+    for condition, choice in zip(conditions, engine.choices(conditions), strict=True):
+        if choice is not None:
+            motion = engine.motion(condition, choice).track.motion()
+            p, X_WG = motion.X_WT.translation, choice.target.X_WG
+            found.append(Path(condition.name, p, motion.modes, motion.rate, X_WG))
+    return found

@@ -1,0 +1,103 @@
+"""What a study varies besides the scene: the operator, the rule that ranks grasps, and the definition of M."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+from optsc.errors import InvalidValue, UnknownName
+from optsc.operators import Operator, operator_type
+from optsc.robot.manipulability import SINGULARITY, Manipulability
+from optsc.selection import Cascade, Rule
+from optsc.study.keys import Plain, key, plain
+
+
+@dataclass(frozen=True)
+class Person:
+    """A simulated operator as a value.
+
+    Attributes:
+        kind: one of `optsc.operators.TYPES`.
+        seed: of everything random; the same seed under every condition gives common random numbers.
+    """
+
+    kind: str = "typical"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        operator_type(self.kind)
+        if self.seed < 0:
+            raise InvalidValue("seed of a person", self.seed, "0 or more")
+
+    @property
+    def steps_in(self) -> bool:
+        """Whether the person takes over again on the way."""
+        return operator_type(self.kind).changes_mind_after is not None
+
+    def operator(self, goal: str, objects: Collection[str], *, by_hand: bool = False) -> Operator:
+        """Return a person who wants ``goal`` of ``objects``, fresh for one run."""
+        return operator_type(self.kind).operator(goal, objects, seed=self.seed, by_hand=by_hand)
+
+    def describe(self) -> Plain:
+        """Return everything that determines the person, habits in full."""
+        return plain([self, operator_type(self.kind)])
+
+
+def _measures() -> dict[str, Manipulability]:
+    named = {}
+    for singularity in SINGULARITY:
+        named[singularity] = Manipulability(singularity)
+        named[f"{singularity}-no-limits"] = Manipulability(singularity, "none")
+    named["simox"] = Manipulability.simox()
+    return named
+
+
+MEASURES: Mapping[str, Manipulability] = MappingProxyType(_measures())
+"""Definitions of M by name: each singularity measure with the normalised penalty for joint limits and without any, and
+Simox's default."""
+DEFAULT_MEASURE = "yoshikawa"
+
+
+def measure(name: str) -> Manipulability:
+    """Return the definition of M of that name, one of `MEASURES`; raise `UnknownName`."""
+    if name not in MEASURES:
+        raise UnknownName("definition of M", name, MEASURES)
+    return MEASURES[name]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """How the target is chosen.
+
+    Attributes:
+        name: for tables.
+        rule: how candidates are ranked.
+        measure: name of the definition of M.
+        about: what tables say about it besides, such as the point of a sweep; no part of its key.
+    """
+
+    name: str
+    rule: Rule
+    measure: str = DEFAULT_MEASURE
+    about: Mapping[str, Any] = field(default_factory=dict, compare=False, hash=False)
+
+    def __post_init__(self) -> None:
+        measure(self.measure)
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of the rule and of the definition of M, whatever they are called."""
+        return key([self.rule, measure(self.measure)])
+
+    def with_measure(self, name: str) -> Condition:
+        """Return the same rule with another definition of M."""
+        return replace(self, measure=name)
+
+
+PAPER = Condition("paper", Cascade.paper())
+"""Of the grasps the 30 nearest in orientation, of them the 6 nearest in position, of them the greatest M."""
+MANIPULABILITY_ONLY = Condition("manipulability", Cascade.manipulability_only())
+"""The greatest M of all grasps: the strategy that the paper compares itself with."""

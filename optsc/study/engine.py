@@ -1,0 +1,141 @@
+"""The engine: many conditions in one scene for little more than the price of one.
+
+What does not depend on the condition is done once. The arm's geometry (grasps, reach, collisions) is solved once for
+each posture at which a decision is made. The operator leads the arm to the hand-over once, since until then no rule has
+a say. And each distinct target is executed once, however many rules choose it. A test holds the result equal, to the
+last bit, to that of `optsc.session.run` for every condition by itself.
+
+An episode counts up to the end of the first automatic motion: the arm arrives at the grasp, or something ends the
+motion before, or the operator steps in because the wrong object is approached. Where the controller refuses (no grasp
+can be reached), the operator tries again, as in a plain run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from optsc.control.choosing import CHOICES
+from optsc.control.rollout import can_travel
+from optsc.errors import InvalidValue
+from optsc.selection import Ranking, Target
+from optsc.study.conditions import Condition, Person
+from optsc.study.leading import HandOver, Leading, execute
+from optsc.study.physical import execute_physically
+from optsc.study.scenes import Scene
+from optsc.study.staging import Settings, Stage, episode_key
+from optsc.study.tracks import Track
+
+
+class Executed(NamedTuple):
+    """A motion, the operator's part in front; how it ended; whether the goal was lifted, None where nobody can tell."""
+
+    track: Track
+    ended: str
+    lifted: bool | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What a condition chose at a hand-over: the target, and the ranking that it was chosen from."""
+
+    hand_over: int
+    target: Target
+    ranking: Ranking
+    place: int
+    """How many better ranked grasps were passed over, because no straight way leads to them."""
+
+
+def choose(
+    leading: Leading,
+    hand_over: HandOver,
+    index: int,
+    condition: Condition,
+    ways: dict[tuple[int, bool], bool],
+) -> Choice | None:
+    """Return what the controller chooses at ``hand_over``, the one of number ``index``; None where it refuses.
+
+    It is the controller's own decision, but for ``ways``: to which grasps a straight way leads is remembered there.
+    """
+    stage, selector = leading.stage, leading.selector
+    selector.decide_by(condition.rule, condition.measure)
+    ranking = selector.rank(hand_over.X_WT, hand_over.q, refresh_limit=1)
+    if ranking.best is None:
+        return None
+    for place, candidate in enumerate(ranking.of(ranking.best)[:CHOICES].tolist()):
+        target = ranking.target_of(candidate)
+        way = (target.candidate, target.half_turn)
+        if way not in ways:
+            poses = [hand_over.X_WT, target.X_WP, target.X_WG]
+            ways[way] = can_travel(stage.robot, stage.settings.approach, hand_over.q, poses)
+        if ways[way]:
+            return Choice(index, target, ranking, place)
+    return None
+
+
+class Engine:
+    """All conditions of one person in one scene; see the module."""
+
+    def __init__(self, scene: Scene, person: Person, settings: Settings | None = None) -> None:
+        if person.steps_in:
+            raise InvalidValue(
+                "person", person.kind, "one who does not step in on the way, see `optsc.operators.TYPES`"
+            )
+        self.stage, self.person = Stage(scene, settings or Settings()), person
+        self.key = episode_key(scene, person, self.stage.settings)
+        self._leading: Leading | None = None
+        self._hand_overs: list[HandOver | None] = []
+        self._ways: list[dict[tuple[int, bool], bool]] = []
+        self._motions: dict[tuple[int, int, bool], Executed] = {}
+
+    def hand_over(self, index: int) -> HandOver | None:
+        """Return the hand-over of that number, as far as it has been come to; None where the time was up."""
+        return self._hand_overs[index] if index < len(self._hand_overs) else None
+
+    @property
+    def executions(self) -> int:
+        """How many motions were executed so far."""
+        return len(self._motions)
+
+    def choices(self, conditions: Sequence[Condition]) -> list[Choice | None]:
+        """Return what each condition chooses, None where it never finds anything within the time."""
+        found: list[Choice | None] = [None] * len(conditions)
+        waiting = list(range(len(conditions)))
+        index = 0
+        while waiting:
+            hand_over = self._come_to(index, conditions[waiting[0]])
+            if hand_over is None or self._leading is None:
+                break
+            for i in waiting:
+                found[i] = choose(self._leading, hand_over, index, conditions[i], self._ways[index])
+            waiting = [i for i in waiting if found[i] is None]
+            index += 1
+        return found
+
+    def motion(self, condition: Condition, choice: Choice) -> Executed:
+        """Return the motion to what was chosen under ``condition``, executed at most once for each target."""
+        target = choice.target
+        place = (choice.hand_over, target.candidate, target.half_turn)
+        if place not in self._motions:
+            hand_over = self._hand_overs[choice.hand_over]
+            if hand_over is None or self._leading is None:
+                raise InvalidValue("hand-over of a choice", choice.hand_over, "one of this engine's")
+            if self.stage.settings.follower == "pybullet":
+                executed = Executed(*execute_physically(self.stage, self.person, condition))
+            else:
+                executed = Executed(*execute(self._leading, hand_over, condition))
+            self._motions[place] = executed
+        return self._motions[place]
+
+    def _come_to(self, index: int, refusing: Condition) -> HandOver | None:
+        """Return a hand-over; all before it are refused, as they are under ``refusing``."""
+        if self._leading is None:
+            self._leading = Leading(self.stage, self.person, refusing)
+        if index == len(self._hand_overs):
+            last = self._hand_overs[-1] if self._hand_overs else None
+            if last is not None:
+                self._leading.go_on(last, refusing)
+            self._hand_overs.append(self._leading.next_hand_over())
+            self._ways.append({})
+        return self._hand_overs[index]

@@ -1,0 +1,188 @@
+"""Rows: what became of each condition in each scene, as flat tables of numbers and words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import nan
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from optsc.control.modes import Mode
+from optsc.geometry import Pose, rotation
+from optsc.geometry.rotation import Array
+from optsc.metrics import Nearest, jump_measures, motion_measures
+from optsc.metrics.summary import interaction_measures
+from optsc.operators.simulated import R_WS_DEFAULT
+from optsc.robot import RobotModel
+from optsc.robot.collision import TABLE
+from optsc.robot.distances import DistanceModel
+from optsc.sim import OBJECT_NAMES, object_model
+from optsc.study.conditions import DEFAULT_MEASURE, Condition, Person, measure
+from optsc.study.engine import Choice, Engine
+from optsc.study.keys import key
+from optsc.study.leading import ARRIVED
+from optsc.study.scenes import Scene
+from optsc.study.staging import Settings, Stage, episode_key
+from optsc.study.tracks import Track
+
+Row: TypeAlias = dict[str, Any]
+
+MEASURED = (
+    *("duration_s", "path_length_m", "rotation_rad", "joint_path_rad", "straightness"),
+    *("ldlj_tool", "ldlj_turn", "ldlj_joint", "sparc_tool", "sparc_turn", "sparc_joint"),
+    *("limit_margin_rad", "limit_margin_share", "velocity_share", "clearance_m", "mean_clearance_m"),
+)
+"""Measures of the automatic motion from the hand-over to the grasp, see `optsc.metrics.motion_measures`."""
+JUMPS = (
+    *("jump_position_m", "jump_rotation_rad", "jump_velocity_m_s", "jump_angular_velocity_rad_s"),
+    *("jump_acceleration_m_s2", "jump_jerk_m_s3", "jump_target_distance_m", "jump_target_chord"),
+    *("jump_joint_rad", "jump_branch_flip"),
+)
+"""Parts of the jump at the hand-over, see `optsc.metrics.SwitchJump`."""
+MANUAL = ("effort_m", "intervention", "manual_s")
+"""What the operator did up to the hand-over, and for how long."""
+ELSEWHERE = Pose.from_translation([1e3, 0.0, 0.0])
+"""Where the objects are that a scene does not have."""
+CHOSEN = ("target_manipulability", "target_yoshikawa", "target_travel_rad")
+"""The chosen grasp: M as the condition defines it, M by default, largest joint motion to it."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Work that belongs together: conditions in one scene with one person."""
+
+    scene: Scene
+    person: Person
+    settings: Settings
+    conditions: tuple[Condition, ...]
+
+    def keys(self) -> list[str]:
+        """Return the key of each condition's row."""
+        episode = episode_key(self.scene, self.person, self.settings)
+        return [key([episode, condition.key]) for condition in self.conditions]
+
+    def labels(self, condition: Condition) -> Row:
+        """Return what a table says about a row besides its outcome; not stored, for names may change."""
+        varied = {f"at_{name}": value for name, value in condition.about.items()}
+        names = {"condition": condition.name, "measure": condition.measure}
+        return {**case_labels(self.scene, self.person, self.settings), **names, **varied}
+
+
+def case_labels(scene: Scene, person: Person, settings: Settings) -> Row:
+    """Return what tables say about a case."""
+    return {
+        "robot": scene.robot,
+        "scene": scene.hash,
+        "scene_seed": scene.seed,
+        "level": scene.level,
+        "goal": scene.goal,
+        "person": person.kind,
+        "person_seed": person.seed,
+        "follower": settings.follower,
+    }
+
+
+def do(job: Job) -> list[Row]:
+    """Return one row for each condition of ``job``, in its order."""
+    return rows(Engine(job.scene, job.person, job.settings), job.conditions)
+
+
+def rows(engine: Engine, conditions: Sequence[Condition]) -> list[Row]:
+    """Return one row for each condition."""
+    measured: dict[tuple[int, int, bool], Row] = {}
+    nearest = nearest_to(engine.stage)
+    result = []
+    for condition, choice in zip(conditions, engine.choices(conditions), strict=True):
+        row: Row = {"key": key([engine.key, condition.key])}
+        if choice is None:
+            row.update(_nothing("refused or never handed over"))
+        else:
+            target = choice.target
+            place = (choice.hand_over, target.candidate, target.half_turn)
+            if place not in measured:
+                track, ended, lifted = engine.motion(condition, choice)
+                measured[place] = _measured(engine, choice, track, ended, lifted, nearest)
+            row.update(measured[place])
+            row["target_manipulability"] = target.manipulability
+            row["target_place"] = choice.place
+        result.append(row)
+    return result
+
+
+def _nothing(why: str) -> Row:
+    names = (*MEASURED, *JUMPS, *MANUAL, *CHOSEN)
+    words = {"ended": why, "reason": "", "object": "", "half_turn": False, "arrived": False, "success": False}
+    return {
+        **words,
+        "hand_over": -1,
+        "grasp": -1,
+        "candidate": -1,
+        "target_place": -1,
+        **dict.fromkeys(names, nan),
+    }
+
+
+def _measured(
+    engine: Engine, choice: Choice, track: Track, ended: str, lifted: bool | None, nearest: Nearest
+) -> Row:
+    """Return what is the same for every condition that chose the same target."""
+    target, robot, motion = choice.target, engine.stage.robot, track.motion()
+    hand_over = engine.hand_over(choice.hand_over)
+    begin = motion.modes.index(Mode.APPROACH.value) if Mode.APPROACH.value in motion.modes else len(motion)
+    end = len(motion) - 1 if ended == ARRIVED else len(motion)
+    row = _nothing(ended)
+    row.update(
+        reason=track.reason,
+        object=target.object_name,
+        half_turn=target.half_turn,
+        arrived=ended == ARRIVED,
+        success=ended == ARRIVED and target.object_name == engine.stage.scene.goal and lifted is not False,
+        hand_over=choice.hand_over,
+        grasp=target.grasp_index,
+        candidate=target.candidate,
+        target_yoshikawa=_yoshikawa(engine, choice),
+    )
+    manual = interaction_measures(motion.part(0, begin), R_WS_DEFAULT)
+    row.update(effort_m=manual["effort_m"], intervention=manual["intervention"], manual_s=begin / motion.rate)
+    row.update(jump_measures(motion, begin, target.X_WG))
+    if hand_over is not None:
+        row["target_travel_rad"] = float(np.abs(target.q - hand_over.q).max())
+        row["jump_target_distance_m"] = float(
+            np.linalg.norm(target.X_WG.translation - hand_over.X_WT.translation)
+        )
+        row["jump_target_chord"] = float(rotation.chord(target.X_WG.quaternion, hand_over.X_WT.quaternion))
+    if ended == ARRIVED:
+        row.update(motion_measures(motion.part(begin, end), robot, nearest))
+    return row
+
+
+def _yoshikawa(engine: Engine, choice: Choice) -> float:
+    value = measure(DEFAULT_MEASURE).evaluate(engine.stage.robot, choice.target.q)
+    return float(value)
+
+
+def nearest_to(stage: Stage) -> Nearest:
+    """Return the distance of postures to table and objects; the hand may touch the one it is to grasp.
+
+    Links are capsules and objects boxes around their parts, so it is never more than the true one.
+    """
+    model, world = _distance_model(stage.robot)
+    for name in OBJECT_NAMES:
+        model.move(name, stage.world.X_WO.get(name, ELSEWHERE))
+    model.hand_may_touch(stage.scene.goal)
+
+    def nearest(q: Array) -> Array:
+        return np.array([model.distances(row)[0][world].min() for row in q])
+
+    return nearest
+
+
+@lru_cache(maxsize=4)
+def _distance_model(robot: RobotModel) -> tuple[DistanceModel, np.ndarray]:
+    """Return distances of ``robot`` to all objects there are, kept, and which of its pairs are not within the robot."""
+    obstacles = {name: (object_model(name).parts, ELSEWHERE) for name in OBJECT_NAMES}
+    model = DistanceModel(robot, obstacles)
+    return model, np.flatnonzero([pair.other in (*OBJECT_NAMES, TABLE) for pair in model.pairs])

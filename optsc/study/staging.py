@@ -1,0 +1,88 @@
+"""A scene made ready for any number of conditions: world, grasps, collisions, reach tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from optsc.control.approach import Approach
+from optsc.control.controller import SharedController
+from optsc.errors import InvalidValue, UnknownName
+from optsc.operators import ClutchSettings
+from optsc.operators.simulated import R_WS_DEFAULT
+from optsc.robot import RobotModel
+from optsc.robot.collision import CollisionModel
+from optsc.selection import GraspClearance
+from optsc.study.conditions import PAPER, Condition, Person
+from optsc.study.fresh import FreshSelector, Tables
+from optsc.study.keys import key
+from optsc.study.libraries import grasps_hash, library_of
+from optsc.study.scenes import Scene, arm
+
+ENGINE = 1
+"""Version of what a row means; part of every key, raised whenever rows of equal settings would differ."""
+FOLLOWERS = ("ideal", "pybullet")
+LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all conditions of a study share.
+
+    Attributes:
+        rate: control rate [Hz].
+        longest: an episode that has not handed over by then [s] never does.
+        follower: ``ideal``, an arm that is where it was told to be, or ``pybullet``, one in a simulated world.
+        approach: how the robot moves by itself.
+    """
+
+    rate: float = 250.0
+    longest: float = 30.0
+    follower: str = "ideal"
+    approach: Approach = field(default_factory=Approach)
+
+    def __post_init__(self) -> None:
+        if self.follower not in FOLLOWERS:
+            raise UnknownName("follower", self.follower, FOLLOWERS)
+        for name in ("rate", "longest"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise InvalidValue(name, getattr(self, name), "positive and finite")
+
+
+@lru_cache(maxsize=4)
+def collision_model(robot: RobotModel) -> CollisionModel:
+    """Return the collision geometry of ``robot``, kept."""
+    return CollisionModel(robot)
+
+
+def episode_key(scene: Scene, person: Person, settings: Settings) -> str:
+    """Return a hash of everything but the condition that determines a row."""
+    robot = arm(scene.robot)
+    limits = {name: np.nan_to_num(getattr(robot.limits, name)) for name in LIMITS}
+    grasps = grasps_hash(robot, scene.objects)
+    return key([ENGINE, scene.hash, grasps, person.describe(), settings, limits, robot.home])
+
+
+class Stage:
+    """A scene made ready: the world, its candidates, and which of them the arm can carry out."""
+
+    def __init__(self, scene: Scene, settings: Settings) -> None:
+        self.scene, self.settings = scene, settings
+        self.world = scene.world()
+        self.robot = self.world.robot
+        self.library = library_of(self.robot, scene.objects)
+        self.candidates = self.library.place(self.world.X_WO)
+        obstacles = {name: (model.parts, self.world.X_WO[name]) for name, model in self.world.objects.items()}
+        self.clear = GraspClearance(collision_model(self.robot).scene(obstacles))
+        self.tables = Tables()
+        self.paper = PAPER
+
+    def controller(self, condition: Condition, tables: Tables | None = None) -> SharedController:
+        """Return a controller for ``condition``, with solved tables of its own unless given some."""
+        approach = self.settings.approach
+        selector = FreshSelector(self.robot, condition.rule, condition.measure, approach, tables)
+        return SharedController(
+            self.robot, selector, approach=approach, clutch=ClutchSettings(R_WS=R_WS_DEFAULT)
+        )

@@ -1,0 +1,1 @@
+"""Sweeps: many settings times many scenes, resumable, on one machine or many."""

@@ -1,0 +1,227 @@
+"""Running jobs: finished rows are skipped, the others are computed by any executor, and kept as they come."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from typing import Any, Protocol, TypeAlias
+
+from optsc.errors import OptscError
+from optsc.study.outcomes import Row, do
+from optsc.study.scenes import Scene
+from optsc.study.sweep.store import RowStore
+
+
+class Job(Protocol):
+    """Work that belongs together: rows of several conditions in one case; a frozen dataclass that can be pickled."""
+
+    @property
+    def scene(self) -> Scene:
+        """Where."""
+        ...
+
+    @property
+    def conditions(self) -> tuple[Any, ...]:
+        """What is tried there."""
+        ...
+
+    def keys(self) -> list[str]:
+        """Return the key of each condition's row."""
+        ...
+
+    def labels(self, condition: Any) -> Row:
+        """Return what a table says about the row of a condition besides its outcome."""
+        ...
+
+
+Do: TypeAlias = Callable[[Any], list[Row]]
+"""Computes a job: one row for each of its conditions, each with its key."""
+REVIVALS = 3
+"""How often a pool of processes is started anew after one of them died."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run of jobs has come.
+
+    Attributes:
+        rows, of: rows that are there, of how many; skipped ones count.
+        skipped: rows that were there from the beginning.
+        elapsed: since the beginning [s].
+    """
+
+    rows: int
+    of: int
+    skipped: int
+    elapsed: float
+
+    @property
+    def remaining(self) -> float | None:
+        """Time that the rest will take at the pace so far [s]; None before there is a pace."""
+        done = self.rows - self.skipped
+        return self.elapsed * (self.of - self.rows) / done if done > 0 else None
+
+    def __str__(self) -> str:
+        left = "" if self.remaining is None else f", {_clock(self.remaining)} left"
+        return f"{self.rows} of {self.of} rows, {_clock(self.elapsed)} gone{left}"
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02d}"
+
+
+class JobFailed(OptscError):
+    """A job that raised: which, and what."""
+
+    def __init__(self, job: Job, error: BaseException) -> None:
+        self.job, self.error = job, error
+        scene = job.scene
+        super().__init__(
+            f"scene {scene.hash} ({scene.robot}, seed {scene.seed}) failed: {type(error).__name__}: {error}"
+        )
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    store: RowStore,
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    work: Do = do,
+) -> list[Row]:
+    """Compute the rows of ``jobs`` that ``store`` does not have, and return all of them in the order of the jobs.
+
+    Args:
+        jobs: what to compute; conditions of the same episode belong into one job, which shares their work.
+        store: takes every job's rows as soon as they are there.
+        executor: runs the jobs; by default a pool of processes of this run's own.
+        workers: processes of that pool, by default one for each core; 0 computes in this process.
+        on_progress: called at the beginning and after every job.
+        work: computes one job; it has to be importable where the executor runs it.
+
+    Raises:
+        JobFailed: a job raised; what was finished before is kept, and a new run goes on from there.
+    """
+    start, wanted, left = time.monotonic(), [], []
+    for job in jobs:
+        keys = job.keys()
+        wanted += keys
+        missing = [c for c, k in zip(job.conditions, keys, strict=True) if k not in store]
+        if missing:
+            left.append(replace(job, conditions=tuple(missing)))  # type: ignore[type-var]
+    distinct = frozenset(wanted)
+    skipped = len(distinct & store.keys)
+
+    def report() -> None:
+        if on_progress is not None:
+            on_progress(
+                Progress(len(distinct & store.keys), len(distinct), skipped, time.monotonic() - start)
+            )
+
+    report()
+    for rows in _computed(left, executor, workers, work):
+        store.add(rows)
+        report()
+    named = [job.labels(condition) for job in jobs for condition in job.conditions]
+    return [{**row, **names} for row, names in zip(store.rows(wanted), named, strict=True)]
+
+
+def _computed(
+    jobs: list[Job], executor: Executor | None, workers: int | None, work: Do
+) -> Iterator[list[Row]]:
+    if workers == 0 and executor is None:
+        for job in jobs:
+            yield _guarded(job, work)
+    elif executor is not None:
+        yield from _submitted(dict(enumerate(jobs)), executor, work)
+    else:
+        yield from _pooled(jobs, workers or os.cpu_count() or 1, work)
+
+
+def _guarded(job: Job, work: Do) -> list[Row]:
+    try:
+        return work(job)
+    # Whatever a job raises ends the run, and has to say which job it was.
+    except Exception as error:
+        raise JobFailed(job, error) from error
+
+
+def _pooled(jobs: list[Job], workers: int, work: Do) -> Iterator[list[Row]]:
+    """Yield the rows of each job from a pool of this run's own; when one of its processes dies, from another pool."""
+    open_ = dict(enumerate(jobs))
+    for revival in range(REVIVALS + 1):
+        if not open_:
+            return
+        count = min(workers, len(open_))
+        # Started afresh and not forked: libraries here keep threads, which a fork would leave behind.
+        with _single_threaded(), ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+            try:
+                yield from _submitted(open_, pool, work)
+            except BrokenExecutor:
+                if revival == REVIVALS:
+                    raise
+
+
+def _submitted(open_: dict[int, Job], executor: Executor, work: Do) -> Iterator[list[Row]]:
+    """Yield the rows of each job and take it out of ``open_``."""
+    waiting: dict[Future[list[Row]], int] = {
+        executor.submit(work, job): index for index, job in open_.items()
+    }
+    try:
+        while waiting:
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                index = waiting.pop(future)
+                error = future.exception()
+                if isinstance(error, BrokenExecutor):
+                    raise error
+                if error is not None:
+                    raise JobFailed(open_[index], error) from error
+                rows = future.result()
+                yield rows
+                del open_[index]
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+@contextmanager
+def _single_threaded() -> Iterator[None]:
+    """Let processes that are started meanwhile use one thread each: there is one for each core."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def dask_executor(address: str, timeout: float = 10.0) -> Iterator[Any]:
+    """Connect to a Dask scheduler within ``timeout`` [s] and give an `Executor`; its jobs survive a lost worker.
+
+    Raises `OptscError` where there is no `distributed` or no scheduler.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise OptscError(
+            "a --scheduler needs the package distributed: pip install 'optsc[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout=timeout, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise OptscError(f"no Dask scheduler answers at {address}: {error}") from None
+    with client, client.get_executor(pure=False, retries=5) as executor:
+        yield executor

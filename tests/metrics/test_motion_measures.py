@@ -1,0 +1,194 @@
+"""Measures of whole motions, each against a value that was worked out in another way."""
+
+import math
+
+import numpy as np
+import pytest
+
+from optsc.errors import InvalidValue
+from optsc.geometry import Pose
+from optsc.metrics import (
+    Hand,
+    Motion,
+    authority,
+    hand_velocity,
+    interaction_measures,
+    jump_measures,
+    limit_margins,
+    motion_measures,
+    path_clearance,
+    smoothness,
+    summarise,
+)
+
+RATE = 200.0
+
+
+class Arm:
+    """Two sliders along x and y, as far as the measures need an arm."""
+
+    class limits:  # noqa: N801
+        lower = np.array([-1.0, -2.0])
+        upper = np.array([1.0, 2.0])
+        velocity = np.array([0.5, 1.0])
+
+
+def minimum_jerk(duration=1.0, length=0.4, rate=RATE):
+    s = np.arange(round(duration * rate) + 1) / (duration * rate)
+    return length * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+def motion(x, modes=None, hand=None, y=None):
+    q = np.column_stack([x, np.zeros_like(x) if y is None else y])
+    v = np.gradient(q, axis=0) * RATE
+    p = np.column_stack([q, np.zeros(len(q))])
+    X_WT = Pose(np.tile([1.0, 0.0, 0.0, 0.0], (len(q), 1)), p)
+    return Motion(RATE, 0.0, tuple(modes or ["approach"] * len(q)), q, v, 0 * v, X_WT, hand or Hand.none())
+
+
+def test_lengths_times_and_margins_are_those_of_the_curve():
+    row = motion_measures(motion(minimum_jerk(2.0)), Arm, lambda q: 0.3 - q[:, 0])
+    assert row["path_length_m"] == pytest.approx(0.4)
+    assert row["joint_path_rad"] == pytest.approx(0.4)
+    assert row["rotation_rad"] == 0.0
+    assert row["straightness"] == pytest.approx(1.0)
+    assert row["duration_s"] == pytest.approx(401 / RATE)
+    assert row["limit_margin_rad"] == pytest.approx(0.6)
+    assert row["limit_margin_share"] == pytest.approx(0.6)
+    # A minimum-jerk movement is fastest in its middle: 15/8 of length over duration.
+    assert row["velocity_share"] == pytest.approx(1.875 * 0.4 / 2.0 / 0.5, rel=1e-3)
+    assert row["clearance_m"] == pytest.approx(-0.1)
+    assert row["mean_clearance_m"] == pytest.approx(0.1, abs=2e-3)
+
+
+def test_smoothness_of_a_minimum_jerk_movement_is_the_published_value_in_tool_and_joints():
+    row = smoothness(motion(minimum_jerk()))
+    # Sampled at 100 Hz: LDLJ -5.224 and SPARC -1.4058; the continuous values are -5.322 and about -1.40.
+    for space in ("tool", "joint"):
+        assert row[f"ldlj_{space}"] == pytest.approx(-5.22, abs=0.05)
+        assert row[f"sparc_{space}"] == pytest.approx(-1.405, abs=0.01)
+    assert math.isnan(row["ldlj_turn"])
+
+
+def test_smoothness_does_not_depend_on_the_control_rate():
+    def at(rate):
+        m = motion(minimum_jerk(rate=rate))
+        return smoothness(Motion(rate, 0.0, m.modes, m.q, m.v, m.a, m.X_WT, m.hand))
+
+    slow, fast = at(250.0), at(1000.0)
+    assert slow["ldlj_tool"] == pytest.approx(fast["ldlj_tool"], abs=0.02)
+    assert slow["sparc_joint"] == pytest.approx(fast["sparc_joint"], abs=0.002)
+
+
+def test_a_bend_at_constant_speed_shows_in_the_vector_jerk():
+    time = np.arange(401) / RATE
+    straight = motion(0.1 * time)
+    bend = motion(0.1 * np.minimum(time, 1.0), y=0.1 * np.maximum(time - 1.0, 0.0))
+    assert smoothness(bend)["ldlj_tool"] < smoothness(straight)["ldlj_tool"] - 5.0
+
+
+def test_signs_of_quaternions_do_not_count_as_turns():
+    m = motion(minimum_jerk())
+    angle = minimum_jerk(length=1.0) / 2.0
+    q = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle])
+    flipped = q * np.where(np.arange(len(q)) % 3, 1.0, -1.0)[:, None]
+    rows = [
+        smoothness(Motion(RATE, 0.0, m.modes, m.q, m.v, m.a, Pose(x, m.X_WT.translation), m.hand))
+        for x in (q, flipped)
+    ]
+    assert rows[0]["ldlj_turn"] == pytest.approx(-5.22, abs=0.05)
+    assert rows[1] == pytest.approx(rows[0])
+
+
+def test_effort_is_the_way_of_the_hand_without_its_trembling():
+    rng = np.random.default_rng(0)
+    stamp = np.arange(3 * 90) / 90.0
+    p = np.zeros((len(stamp), 3))
+    p[:, 1] = np.interp(stamp, [0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 0.3, 0.3])
+    clean = interaction_measures(motion(np.zeros(600), hand=Hand(stamp, p)))
+    noisy = interaction_measures(
+        motion(np.zeros(600), hand=Hand(stamp, p + rng.normal(0.0, 0.3e-3, p.shape)))
+    )
+    assert clean["effort_m"] == pytest.approx(0.3, rel=0.02)
+    assert noisy["effort_m"] == pytest.approx(0.3, rel=0.03)
+    assert clean["intervention"] == pytest.approx(1 / 3, abs=0.1)
+    # Neighbouring differences would have made ten times as much of it.
+    assert np.linalg.norm(np.diff(rng.normal(0.0, 0.3e-3, p.shape), axis=0), axis=1).sum() > 0.15
+
+
+def test_the_hand_s_velocity_is_that_of_a_parabola_exactly():
+    stamp = np.arange(90) / 90.0
+    p = np.column_stack([0.2 * stamp**2, 0.1 * stamp, 0 * stamp])
+    v = hand_velocity(Hand(stamp, p))
+    assert v[:, 0] == pytest.approx(0.4 * stamp, abs=1e-9)
+    assert v[:, 1] == pytest.approx(0.1, abs=1e-9)
+    assert hand_velocity(Hand.none()).shape == (0, 3)
+
+
+def test_agreement_is_the_cosine_between_hand_and_tool_in_the_world():
+    stamp = np.arange(180) / 90.0
+    hand = Hand(stamp, np.column_stack([0 * stamp, 0.1 * stamp, 0 * stamp]))
+    moving = motion(0.1 * np.arange(400) / RATE, hand=hand)
+    assert interaction_measures(moving)["agreement"] == pytest.approx(0.0, abs=1e-9)
+    quarter = [math.sqrt(0.5), 0.0, 0.0, -math.sqrt(0.5)]
+    assert interaction_measures(moving, quarter)["agreement"] == pytest.approx(1.0)
+    assert interaction_measures(moving, quarter)["disagreement"] == 0.0
+
+
+def test_authority_is_how_far_the_executed_motion_departs_from_the_wish():
+    u = np.tile([0.1, 0.0, 0.0], (10, 1))
+    assert authority(u, u) == 0.0
+    assert authority(u, 0 * u) == pytest.approx(1.0)
+    assert authority(u, 3 * u) == pytest.approx(2.0)
+    assert authority(u, u + [0.0, 0.05, 0.0]) == pytest.approx(0.5)
+    assert math.isnan(authority(0 * u, u))
+    with pytest.raises(InvalidValue, match="as the operator's"):
+        authority(u, u[:-1])
+
+
+def test_a_jump_at_the_switch_is_found_in_the_summary():
+    x = 0.1 * np.arange(400) / RATE
+    x[200:] += 0.02
+    modes = ["manual"] * 200 + ["approach"] * 200
+    row = summarise(motion(x, modes), Arm)
+    assert row["jump_position_m"] == pytest.approx(0.02 + 0.1 / RATE)
+    assert row["jump_velocity_m_s"] == pytest.approx(0.0, abs=1e-9)
+    assert row["switches"] == 1
+    assert row["time_manual_s"] == row["time_approach_s"] == pytest.approx(1.0)
+    assert math.isnan(summarise(motion(x), Arm)["jump_position_m"])
+    assert jump_measures(motion(x, modes), 200)["jump_position_m"] == row["jump_position_m"]
+
+
+def test_margins_count_the_nearest_joint_and_share_only_where_there_is_a_range():
+    q = np.array([[0.0, 0.0], [0.9, 5.0]])
+    found = limit_margins(q, [-1.0, -np.inf], [1.0, np.inf])
+    assert found.least == pytest.approx(0.1)
+    assert found.least_share == pytest.approx(0.1)
+    assert found.mean_share == pytest.approx(0.55)
+    assert limit_margins(np.zeros((0, 2)), [-1.0, -1.0], [1.0, 1.0]).least == math.inf
+    assert limit_margins([[1.25, 0.0]], [-1.0, -1.0], [1.0, 1.0]).least == pytest.approx(-0.25)
+
+
+def test_the_narrowest_place_is_found_with_its_time():
+    q = np.linspace(0.0, 2.0, 401)[:, None]
+    found = path_clearance(lambda rows: np.abs(rows[:, 0] - 1.5) + 0.02, q, RATE, every=0.02)
+    assert found.least == pytest.approx(0.02, abs=1e-3)
+    assert found.time == pytest.approx(1.5, abs=0.011)
+    assert found.mean == pytest.approx(np.mean(np.abs(q[::4] - 1.5)) + 0.02, abs=1e-9)
+    assert path_clearance(lambda rows: rows[:, 0], np.zeros((0, 1)), RATE).least == math.inf
+    with pytest.raises(InvalidValue, match="one for each posture"):
+        path_clearance(lambda rows: rows, q, RATE)
+
+
+def test_a_part_of_a_motion_has_its_own_ticks_and_hand_samples():
+    stamp = np.arange(180) / 90.0
+    hand = Hand(stamp, np.zeros((180, 3)))
+    whole = motion(minimum_jerk(2.0), hand=hand)
+    part = whole.part(100, 200)
+    assert len(part) == 100
+    assert part.time == pytest.approx(0.5)
+    assert part.hand.stamp[0] == pytest.approx(0.5)
+    assert part.hand.stamp[-1] < 1.0
+    assert np.array_equal(part.q, whole.q[100:200])
+    with pytest.raises(InvalidValue, match="equal"):
+        Motion(RATE, 0.0, ("manual",), whole.q, whole.v, whole.a, whole.X_WT, hand)
