@@ -33,6 +33,8 @@ SAMPLES = 400
 """Random postures that tell which distances within the arm change."""
 TRAVEL = 0.02
 """A distance within the arm that changes by less than this [m] over all postures says nothing of a posture."""
+LEVEL = 0.01
+"""An end of a capsule whose height changes by less than this [m] over all postures is level, as at a shoulder."""
 CLOSE = 0.05
 """Links whose capsules are nearer than this [m] at home are built together: only the exact check knows them."""
 FAR_AWAY = 1e3
@@ -62,7 +64,7 @@ class Clearances(NamedTuple):
     Attributes:
         own: (N,) to itself, but for links that are built close together.
         own_close: (N,) of those links.
-        world: (N,) to the table, but for links that never change their height over it, and to all obstacles.
+        world: (N,) to the table, but for what never changes its height over it, and to all obstacles.
     """
 
     own: Array
@@ -94,12 +96,34 @@ def self_pairs(robot: RobotModel, linked: LinkPairs) -> SelfPairs:
 
 @lru_cache(maxsize=16)
 def level(robot: RobotModel) -> tuple[int, ...]:
-    """Return the capsules of the links' hulls that move but never change their height, such as a turning base."""
-    capsules = link_capsules(robot, True)
-    ends = capsule_ends(robot, capsules).map(SAMPLES)(_samples(robot)[:SAMPLES].T).full()
+    """Return the capsules of the links' hulls that move but hardly change their height, such as a turning base."""
+    return tuple(np.flatnonzero(level_ends(robot).all(axis=1)).tolist())
+
+
+@lru_cache(maxsize=16)
+def level_ends(robot: RobotModel) -> np.ndarray:
+    """Return which ends (C, 2) of the hulls' capsules move but hardly change their height, as at a shoulder.
+
+    Their distance from a table is the same in every posture, so it says nothing of any.
+    """
+    least, most = _heights(robot)
+    still = (most - least < LEVEL) & (link_capsules(robot, True).joint >= 0)[:, None]
+    still.flags.writeable = False
+    return still
+
+
+def _heights(robot: RobotModel) -> tuple[Array, Array]:
+    """Return the least and the greatest height (C, 2) of the ends of the hulls' capsules over sampled postures [m]."""
+    ends = capsule_ends(robot, link_capsules(robot, True)).map(SAMPLES)(_samples(robot)[:SAMPLES].T).full()
     height = ends[[2, 5]].reshape(2, SAMPLES, -1)
-    still = np.ptp(height, axis=1).max(axis=0) < SAFE
-    return tuple(np.flatnonzero(still & (capsules.joint >= 0)).tolist())
+    return height.min(axis=1).T, height.max(axis=1).T
+
+
+def ends_over_table(robot: RobotModel) -> list[tuple[int, int]]:
+    """Return the ends of capsules, by numbers of capsule and end, whose distance from a table tells of a posture."""
+    hulls = link_capsules(robot, True)
+    telling = ~level_ends(robot) & (hulls.joint >= 0)[:, None]
+    return [(int(k), int(end)) for k, end in np.argwhere(telling)]
 
 
 def _samples(robot: RobotModel) -> Array:
@@ -121,8 +145,8 @@ def _sampled(robot: RobotModel, capsules: LinkCapsules, pairs: Sequence[tuple[in
 @lru_cache(maxsize=16)
 def _kernel(robot: RobotModel, linked: LinkPairs, slots: int) -> BatchKernel:
     pairs, hulls = self_pairs(robot, linked), link_capsules(robot, True)
-    over_table = sorted(set(np.flatnonzero(hulls.joint >= 0).tolist()) - set(level(robot)))
-    function = clearance(robot, link_capsules(robot), hulls, pairs.telling, pairs.close, over_table, slots)
+    over = ends_over_table(robot)
+    function = clearance(robot, link_capsules(robot), hulls, pairs.telling, pairs.close, over, slots)
     return build_batch_kernel(function, LOOP, shared=3)
 
 
@@ -164,11 +188,20 @@ class ClearanceScene:
         nowhere = np.concatenate([np.eye(3).ravel(), np.full(3, FAR_AWAY), np.zeros(3)])
         self._box = np.tile(nowhere[:, None], slots)
         self._box[:, : len(owner)] = np.concatenate(columns, axis=1)
+        self._robot = robot
         self._owner = np.array([*owner, *[""] * (slots - len(owner))])
         self._height = -FAR_AWAY if table_height is None else table_height
         self._kernel = _kernel(robot, linked, slots)
         self.tells_of_itself = not self_pairs(robot, linked).touching
         """Whether postures in which no capsules touch each other can be told; not where some always do."""
+
+    def level_ends_clear(self, margin: float) -> bool:
+        """Tell whether the level ends of capsules that are not level themselves are above the table by a margin [m]."""
+        hulls, ends = link_capsules(self._robot, True), level_ends(self._robot)
+        least, most = _heights(self._robot)
+        # What the samples did not show is taken for as much again as they did.
+        height = least - (most - least) - hulls.radius[:, None] - self._height
+        return bool(np.all(height[ends & ~ends.all(axis=1, keepdims=True)] > margin + SAFE))
 
     @property
     def compiled(self) -> bool:

@@ -350,15 +350,17 @@ class CollisionScene:
 
     @cached_property
     def _level_links_clear(self) -> bool:
-        """Whether the links that never change their height are above the table, which their capsules do not tell."""
+        """Whether what never changes its height is above the table, which the clearances do not tell."""
         arm, capsules = self._arm, link_capsules(self._arm.robot, True)
         links = {capsules.link[k] for k in level(arm.robot)}
-        if self._table_height is None or not links:
+        if self._table_height is None:
             return True
         data, geometry = arm._model.createData(), self._geometry.createData()
         full = arm._full_postures(arm.robot.home[None], None)[0]
         pinocchio.updateGeometryPlacements(arm._model, data, self._geometry, geometry, full)
         shapes = [k for k in arm._moving if arm._links[k] in links]
+        if not self.capsules.level_ends_clear(self._margin):
+            return False
         return all(self._height_over_table(k, geometry) > self._margin + SAFE for k in shapes)
 
     def _height_over_table(self, shape: int, placed: Any) -> float:

@@ -157,7 +157,7 @@ def clearance(
     hulls: LinkCapsules,
     pairs: Sequence[tuple[int, int]],
     close_pairs: Sequence[tuple[int, int]],
-    over_table: Sequence[int],
+    over_table: Sequence[tuple[int, int]],
     boxes: int,
 ) -> casadi.Function:
     """Return the function (q, horizon, table height, boxes) -> clearances [m], none above the horizon.
@@ -168,7 +168,7 @@ def clearance(
         hulls: what is compared with the world; those that no joint moves are left out.
         pairs: numbers of the links' capsules.
         close_pairs: more of them, which are built close to each other.
-        over_table: numbers of the hulls' capsules that are compared with the table.
+        over_table: what is compared with the table: numbers of the hulls' capsules, each with that of an end, 0 or 1.
         boxes: B, how many boxes there are, at least one.
 
     The output is one column (3 + 2 B): clearance to itself; the same of the close pairs; to the table; of all but the
@@ -179,11 +179,10 @@ def clearance(
     placed = capsule_ends(robot, hulls)(q)
     size = capsule_sizes(hulls.radius, hulls.ends)
     moving = np.flatnonzero(hulls.joint >= 0).tolist()
-    over = list(over_table)
     table = horizon
-    if over:
-        lowest = casadi.fmin(placed[2, over], placed[5, over]) - casadi.DM(size[:1, over])
-        table = casadi.fmin(casadi.mmin(lowest) - height, horizon)
+    if over_table:
+        lowest = [placed[2 + 3 * end, k] - float(hulls.radius[k]) for k, end in over_table]
+        table = casadi.fmin(casadi.mmin(casadi.vertcat(*lowest)) - height, horizon)
     parts = [_self_clearance(robot, links, some, q, horizon) for some in (pairs, close_pairs)]
     parts.append(table)
     for wanted in (False, True):

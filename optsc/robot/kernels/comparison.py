@@ -80,13 +80,13 @@ def _time(kernel: Kernel, draws: Sequence[Sequence[Array]]) -> float:
 def compare_kernels(robot: RobotModel, rng: np.random.Generator) -> tuple[Comparison, ...]:
     """Return the comparison of an arm's kernels: kinematics, manipulability, IK, a straight way, clearance."""
     from optsc.robot.capsules import link_capsules
-    from optsc.robot.clearance import level, self_pairs
+    from optsc.robot.clearance import ends_over_table, self_pairs
     from optsc.robot.collision import CollisionModel
 
     n, limits = robot.n, np.concatenate([robot.limits.lower, robot.limits.upper])
     q, k, M = penalised_product(robot, "tsai")
     pairs, hulls = self_pairs(robot, CollisionModel(robot).capsule_pairs), link_capsules(robot, True)
-    over = sorted(set(np.flatnonzero(hulls.joint >= 0).tolist()) - set(level(robot)))
+    over = ends_over_table(robot)
     near = clearance(robot, link_capsules(robot), hulls, pairs.telling, pairs.close, over, 4)
 
     def posture(rng: np.random.Generator) -> list[Array | float]:
