@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 
 
 class OptscError(Exception):
@@ -49,3 +50,31 @@ class Mismatch(OptscError):
 
 class SolverFailure(OptscError):
     """A one-off computation outside the control loop that has no answer (the loop itself never raises)."""
+
+
+def require_positive(owner: str, values: Mapping[str, float]) -> None:
+    """Raise `InvalidValue` for the first of ``values`` that is not finite and above 0.
+
+    Args:
+        owner: whose values they are, the name of a class for example; it comes first in the field's name.
+        values: by field name.
+    """
+    for name, value in values.items():
+        if not (value > 0.0 and math.isfinite(value)):
+            raise InvalidValue(f"{owner}.{name}", value, "finite, above 0")
+
+
+def require_within(
+    owner: str, values: Mapping[str, float], ranges: Mapping[str, tuple[float, float]]
+) -> None:
+    """Raise `InvalidValue` for the first of ``values`` that is not in its range, both ends included.
+
+    Args:
+        owner: whose values they are; it comes first in the field's name.
+        values: by field name.
+        ranges: smallest and greatest allowed value of each field.
+    """
+    for name, value in values.items():
+        low, high = ranges[name]
+        if not low <= value <= high:
+            raise InvalidValue(f"{owner}.{name}", value, f"{low:g} to {high:g}")

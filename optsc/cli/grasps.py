@@ -1,4 +1,4 @@
-"""``optsc grasps``: build grasp libraries, and look at stored ones."""
+"""``optsc grasps``: build grasp libraries, look at stored ones, try them, and bring in others' grasps."""
 
 from __future__ import annotations
 
@@ -6,59 +6,149 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+_EXAMPLE = "example: optsc grasps build --objects mug can --output grasps && optsc grasps show grasps"
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         "grasps",
-        help="build grasp libraries, and look at stored ones",
-        epilog="example: optsc grasps build --objects mug can --output grasps && optsc grasps show grasps",
+        help="build grasp libraries, look at them, try them, import others",
+        epilog=_EXAMPLE,
     )
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
-    build = actions.add_parser("build", help="sample grasps of objects and store them")
+    for add in (_add_build, _add_show, _add_validate, _add_import):
+        add(actions)
+
+
+def _add_build(actions: Any) -> None:
+    build = actions.add_parser(
+        "build",
+        help="sample grasps of objects and store them",
+        description="Sample grasps on the exact surfaces of objects and store one file for each, with a "
+        "summary.json. What is stored already and still agrees is kept.",
+        epilog="example: optsc grasps build --objects mug can --seed 1 --output grasps",
+    )
     build.add_argument(
         "--objects", nargs="+", metavar="NAME", help="which objects (default: all that come along)"
     )
     build.add_argument("--gripper", default="panda_hand", help="for which gripper (default panda_hand)")
+    build.add_argument("--count", type=int, default=150, help="grasps wanted of each object (default 150)")
     build.add_argument("--seed", type=int, default=0, help="of the sampling (default 0)")
     build.add_argument("--output", type=Path, default=Path("grasps"), metavar="DIR", help="where they go")
     build.set_defaults(run=_build)
-    show = actions.add_parser("show", help="list what a folder of grasps holds")
+
+
+def _add_show(actions: Any) -> None:
+    show = actions.add_parser(
+        "show",
+        help="list what a folder of grasps holds, and draw it",
+        description="List what a folder of grasps holds; with --output, also draw each object's grasps coloured "
+        "by quality and write a summary.json.",
+        epilog="example: optsc grasps show grasps --output pictures",
+    )
     show.add_argument("directory", type=Path)
+    show.add_argument("--objects", nargs="+", metavar="NAME", help="only these (default: all)")
+    show.add_argument("--seed", type=int, default=0, help="of the drawn surface points (default 0)")
+    show.add_argument("--output", type=Path, metavar="DIR", help="where pictures go (default: nowhere)")
     show.set_defaults(run=_show)
 
 
+def _add_validate(actions: Any) -> None:
+    validate = actions.add_parser(
+        "validate",
+        help="try stored grasps in the simulator and store the outcome",
+        description="Close, lift and shake: every stored grasp of the objects that come along is tried in a "
+        "simulation of its own, and whether it held is stored with it. Exit code 0 when all were tried and at "
+        "least the share --least held.",
+        epilog="example: optsc grasps validate grasps --objects mug --workers 2",
+    )
+    validate.add_argument("directory", type=Path)
+    validate.add_argument("--objects", nargs="+", metavar="NAME", help="only these (default: all)")
+    validate.add_argument("--workers", type=int, help="processes that share the work (default: all cores)")
+    validate.add_argument(
+        "--least", type=float, default=0.0, help="share that has to hold for exit code 0 (default 0)"
+    )
+    validate.add_argument("--seed", type=int, default=0, help="of nothing: trials have no chance in them")
+    validate.add_argument(
+        "--output", type=Path, metavar="DIR", help="where the sets with outcomes go (default: in place)"
+    )
+    validate.set_defaults(run=_validate)
+
+
+def _add_import(actions: Any) -> None:
+    importer = actions.add_parser(
+        "import",
+        help="bring in grasps from ACRONYM's HDF5 files or tables of poses",
+        description="Store the grasps of a file: .h5 laid out as ACRONYM's, or .csv with a header "
+        "x,y,z,qw,qx,qy,qz and, if wanted, opening,quality; metres and unit quaternions.",
+        epilog="example: optsc grasps import my_poses.csv --name mug --output grasps",
+    )
+    importer.add_argument("file", type=Path)
+    importer.add_argument("--name", required=True, help="of the object")
+    importer.add_argument("--gripper", default="panda_hand", help="for which gripper (default panda_hand)")
+    importer.add_argument("--seed", type=int, default=0, help="of nothing: importing has no chance in it")
+    importer.add_argument("--output", type=Path, default=Path("grasps"), metavar="DIR", help="where they go")
+    importer.set_defaults(run=_import)
+
+
 def _build(options: argparse.Namespace) -> int:
-    from optsc.grasps import build_library
+    from optsc.cli.grasp_output import progress, report
+    from optsc.grasps import AntipodalSettings, build_library
     from optsc.robot import gripper
     from optsc.sim import OBJECT_NAMES, object_model
 
-    meshes = {name: object_model(name).mesh for name in options.objects or OBJECT_NAMES}
     library = build_library(
-        meshes,
+        {name: object_model(name).mesh for name in options.objects or OBJECT_NAMES},
         gripper(options.gripper),
         seed=options.seed,
         directory=options.output,
-        progress=lambda name, done, total: print(f"\r{name}: {done} of {total}   ", end="", flush=True),
+        settings=AntipodalSettings(count=options.count),
+        progress=progress(),
     )
-    print()
-    return _describe(library)
+    report(library, options.output, {"seed": options.seed})
+    return 0 if all(len(grasps) for grasps in library.values()) else 1
 
 
 def _show(options: argparse.Namespace) -> int:
+    from optsc.cli.grasp_output import chosen, pictures, report
     from optsc.grasps import GraspLibrary
 
-    return _describe(GraspLibrary.load(options.directory))
+    library = chosen(GraspLibrary.load(options.directory), options.objects)
+    facts = {} if options.output is None else {"pictures": pictures(library, options.output, options.seed)}
+    report(library, options.output, facts, everything=True)
+    return 0
 
 
-def _describe(library: Any) -> int:
+def _validate(options: argparse.Namespace) -> int:
+    from optsc.cli.grasp_output import chosen, progress, report
+    from optsc.errors import InvalidValue
+    from optsc.grasps import GraspLibrary
+    from optsc.grasps.storage import save_set
+    from optsc.sim import object_model
+    from optsc.sim.validation import usable_cores, validate
+
+    if not 0.0 <= options.least <= 1.0:
+        raise InvalidValue("--least", options.least, "0 to 1")
+    library = chosen(GraspLibrary.load(options.directory), options.objects)
+    workers = usable_cores() if options.workers is None else options.workers
+    output = options.output or options.directory
     for name in sorted(library):
-        grasps = library[name]
-        print(
-            f"{name}: {len(grasps.opening)} grasps for {grasps.gripper}, "
-            f"opening {1e3 * grasps.opening.min():.0f} to {1e3 * grasps.opening.max():.0f} mm, "
-            f"quality {grasps.quality.min():.2f} to {grasps.quality.max():.2f}"
-        )
-        for key, value in sorted(grasps.provenance.items()):
-            print(f"  {key}: {value}")
+        tried = validate(object_model(name), library[name], workers=workers, progress=progress())
+        save_set(tried, output)
+        library = library.with_set(tried)
+    report(library, output, {"workers": workers})
+    enough = (s.reliable.mean() >= options.least for s in library.values() if len(s))
+    return 0 if all(enough) else 1
+
+
+def _import(options: argparse.Namespace) -> int:
+    from optsc.cli.grasp_output import report
+    from optsc.grasps import GraspLibrary, import_grasps
+    from optsc.grasps.storage import save_set
+    from optsc.robot import gripper
+
+    grasps = import_grasps(options.file, gripper(options.gripper), name=options.name)
+    save_set(grasps, options.output)
+    report(GraspLibrary({grasps.object_name: grasps}), options.output, {"file": str(options.file)})
     return 0

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
@@ -22,7 +24,8 @@ class GraspSet:
 
     Attributes:
         object_name: name of the object.
-        object_hash: `TriangleMesh.hash` of the surface that the grasps were made on.
+        object_hash: `TriangleMesh.hash` of the surface that the grasps were made on; ``cloud:`` and a hash of
+            the points where that was a cloud, ``imported:`` and a hash of the file where it is not known.
         gripper: name of the gripper.
         X_OG: tool poses at the grasps (N,).
         opening: distance between the pads when they hold the object (N,) [m]: the object's width there. The
@@ -30,6 +33,12 @@ class GraspSet:
         quality: (N,) in [0, 1], higher is better.
         provenance: how the grasps came about; anything that JSON can hold.
         jaw_symmetric: whether a half turn about the tool's z axis gives the same grasp.
+        tried: whether each grasp was tried physically (N,) bool; None where none was.
+        held: whether it held when it was tried (N,) bool; None where none was tried.
+
+    Raises:
+        InvalidValue: shapes that do not belong together, numbers that are not finite or out of range, a grasp
+            that held without having been tried.
     """
 
     object_name: str
@@ -40,6 +49,8 @@ class GraspSet:
     quality: Array
     provenance: Mapping[str, object]
     jaw_symmetric: bool = True
+    tried: np.ndarray | None = None
+    held: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if len(self.X_OG.shape) != 1:
@@ -55,9 +66,78 @@ class GraspSet:
                 raise InvalidValue(f"grasp {field}", value.tolist(), f"finite, 0 to {top}")
             value.flags.writeable = False
             object.__setattr__(self, field, value)
+        self._check_trials()
         # Through JSON once, so that a set is the same before it is stored and after.
         plain = json.loads(json.dumps(dict(self.provenance)))
         object.__setattr__(self, "provenance", MappingProxyType(plain))
 
     def __len__(self) -> int:
         return len(self.X_OG)
+
+    @property
+    def made_on_mesh(self) -> bool:
+        """Whether `object_hash` is that of an exact surface, and not of a cloud or an imported file."""
+        return ":" not in self.object_hash
+
+    @property
+    def reliable(self) -> np.ndarray:
+        """Which grasps were tried and held (N,) bool."""
+        return np.zeros(len(self), dtype=bool) if self.held is None else self.held
+
+    @property
+    def stamp(self) -> float | None:
+        """When the view was taken that the grasps were made from [s]; None where no view was."""
+        return self._fact("stamp")
+
+    @property
+    def visible_fraction(self) -> float | None:
+        """Share of the object's surface that the view showed; None where no view was."""
+        return self._fact("visible_fraction")
+
+    def age(self, now: float) -> float | None:
+        """Return the time since the view that the grasps were made from [s], on the clock of `stamp`."""
+        return None if self.stamp is None else now - self.stamp
+
+    def select(self, mask_or_index: ArrayLike) -> GraspSet:
+        """Return the grasps of a mask (N,) bool or of indices (M,), in their order."""
+        choice = np.asarray(mask_or_index)
+        choice = choice.astype(np.intp) if choice.size == 0 and choice.dtype != np.bool_ else choice
+        return replace(
+            self,
+            X_OG=self.X_OG[choice],
+            opening=self.opening[choice],
+            quality=self.quality[choice],
+            tried=None if self.tried is None else self.tried[choice],
+            held=None if self.held is None else self.held[choice],
+        )
+
+    def moved(self, X_NO: Pose) -> GraspSet:
+        """Return the same grasps in another frame N of the object, given the old frame's pose in it.
+
+        Raises:
+            InvalidValue: a batch of poses.
+        """
+        if X_NO.shape != ():
+            raise InvalidValue("X_NO", X_NO.shape, "a single pose")
+        return replace(self, X_OG=X_NO @ self.X_OG)
+
+    def _fact(self, name: str) -> float | None:
+        value = self.provenance.get(name)
+        known = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+        return float(value) if known else None  # type: ignore[arg-type]
+
+    def _check_trials(self) -> None:
+        if (self.tried is None) != (self.held is None):
+            raise InvalidValue("tried and held", "one of them alone", "both or neither")
+        if self.tried is None or self.held is None:
+            return
+        for field in ("tried", "held"):
+            value = np.array(getattr(self, field))
+            if value.shape != self.X_OG.shape or value.dtype != np.bool_:
+                raise InvalidValue(
+                    f"the grasps' {field}", f"{value.dtype}{value.shape}", f"bool, shape {self.X_OG.shape}"
+                )
+            value.flags.writeable = False
+            object.__setattr__(self, field, value)
+        if np.any(self.held & ~self.tried):
+            raise InvalidValue("held", "true where tried is false", "grasps that were tried")

@@ -8,7 +8,7 @@ import numpy as np
 
 from optsc.robot.gripper import Gripper
 
-METHOD = "antipodal-1"
+METHOD = "antipodal-2"
 """Name of the sampling method; the number rises with every change that gives other grasps."""
 
 

@@ -9,8 +9,9 @@ from types import MappingProxyType
 
 from optsc.errors import DamagedFile, InvalidValue, Mismatch, UnknownName
 from optsc.geometry import Pose, TriangleMesh
-from optsc.grasps.antipodal import Progress, sample_grasps
+from optsc.grasps.antipodal import sample_grasps
 from optsc.grasps.candidates import Candidates, place
+from optsc.grasps.gathering import Progress
 from optsc.grasps.grasp_set import GraspSet
 from optsc.grasps.identity import METHOD, gripper_fingerprint
 from optsc.grasps.settings import AntipodalSettings
@@ -58,6 +59,18 @@ class GraspLibrary(Mapping[str, GraspSet]):
         Raises `UnknownName` for an object without grasps and `InvalidValue` for a batch of poses.
         """
         return place(self, X_WO)
+
+    def with_set(self, grasps: GraspSet) -> GraspLibrary:
+        """Return a library that holds ``grasps`` too, in place of any earlier ones of that object.
+
+        Raises `Mismatch` where they are for another gripper. The other sets are the same objects as before.
+        """
+        return GraspLibrary({**self._sets, grasps.object_name: grasps})
+
+    def without(self, name: str) -> GraspLibrary:
+        """Return a library without the grasps of an object; raise `UnknownName` where there are none."""
+        self[name]
+        return GraspLibrary({key: grasps for key, grasps in self._sets.items() if key != name})
 
     def save(self, directory: str | Path) -> None:
         """Write one file per object into a directory, which is made if it is missing."""

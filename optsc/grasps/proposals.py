@@ -1,6 +1,9 @@
-"""Tool poses whose jaws close on two opposite points of a surface."""
+"""Tool poses whose jaws close on two opposite points of a surface, given exactly or as points."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,11 +11,27 @@ from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
 from optsc.grasps.rays import exits
 from optsc.grasps.settings import AntipodalSettings
+from optsc.grasps.surface import Surface
 from optsc.robot.gripper import Gripper
+
+Propose = Callable[[np.random.Generator], Pose]
+"""One round of sampling: poses X_OG (K,)."""
 
 _POINTS = 300
 _ANGLES = 8  # approach directions per pair of contacts, evenly about the closing axis
 _DEPTH = 0.25  # the contacts lie within this share of the pad's length from its middle
+_BESIDE = 1.5  # spacings of the points between a ray and the points that it is said to meet
+
+
+class Pairs(NamedTuple):
+    """Pairs of opposite contacts."""
+
+    first: Array
+    """(C, 3) [m]."""
+    direction: Array
+    """Unit vectors from the first to the second (C, 3)."""
+    width: Array
+    """Distance of the two (C,) [m]."""
 
 
 def propose(
@@ -29,9 +48,42 @@ def propose(
     ray, width, far_normals = exits(mesh, points, directions, gripper.max_opening - 2 * settings.clearance)
     antipodal = np.einsum("ci,ci->c", far_normals, directions[ray]) >= cone_cosine(settings.friction)
     ray, width = ray[antipodal], width[antipodal]
-    y = np.repeat(directions[ray], _ANGLES, axis=0)
-    middle = np.repeat(points[ray] + 0.5 * width[:, None] * directions[ray], _ANGLES, axis=0)
-    turns = (np.tile(np.arange(_ANGLES), len(ray)) + np.repeat(rng.random(len(ray)), _ANGLES)) / _ANGLES
+    return poses_across(Pairs(points[ray], directions[ray], width), gripper, rng)
+
+
+def propose_on_points(
+    surface: Surface, gripper: Gripper, settings: AntipodalSettings, rng: np.random.Generator
+) -> Pose:
+    """Return poses X_OG (K,) as `propose` does, for a surface that is known at points only.
+
+    A ray meets the points within 1.5 spacings of it; of those that lie close together, one.
+    """
+    count, beside = min(_POINTS, len(surface.points)), _BESIDE * settings.spacing
+    start = rng.choice(len(surface.points), count, replace=False)
+    origins = surface.points[start]
+    directions = within_cone(-surface.normals[start], np.arctan(settings.friction), rng)
+    along = directions @ surface.points.T - np.einsum("ri,ri->r", directions, origins)[:, None]
+    square = (
+        np.einsum("ri,ri->r", origins, origins)[:, None]
+        + np.einsum("ni,ni->n", surface.points, surface.points)
+        - 2.0 * origins @ surface.points.T
+    )
+    longest = gripper.max_opening - 2 * settings.clearance
+    hit = (along > 2.0 * beside) & (along < longest) & (square - along**2 < beside**2)
+    hit &= directions @ surface.normals.T >= cone_cosine(settings.friction)
+    ray, point = np.nonzero(hit)
+    width = along[ray, point]
+    _, kept = np.unique(np.stack([ray, np.floor(width / (2.0 * beside))]), axis=1, return_index=True)
+    ray, width = ray[kept], width[kept]
+    return poses_across(Pairs(origins[ray], directions[ray], width), gripper, rng)
+
+
+def poses_across(pairs: Pairs, gripper: Gripper, rng: np.random.Generator) -> Pose:
+    """Return the poses (8 C,) at pairs of contacts: directions all around the closing axis, random depths."""
+    y = np.repeat(pairs.direction, _ANGLES, axis=0)
+    middle = np.repeat(pairs.first + 0.5 * pairs.width[:, None] * pairs.direction, _ANGLES, axis=0)
+    count = len(pairs.width)
+    turns = (np.tile(np.arange(_ANGLES), count) + np.repeat(rng.random(count), _ANGLES)) / _ANGLES
     z = _around(y, 2 * np.pi * turns)
     depth = _DEPTH * gripper.pad_size[1] * rng.uniform(-1.0, 1.0, len(z))
     R = np.stack([np.cross(y, z), y, z], axis=-1)

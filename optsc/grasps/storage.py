@@ -6,10 +6,13 @@ entry               content
 quaternion          (N, 4) of X_OG, ordered w, x, y, z
 translation         (N, 3) of X_OG [m]
 opening, quality    (N,)
+tried, held         (N,) bool; only where grasps were tried
 description         UTF-8 JSON: format, object_name, object_hash, gripper, jaw_symmetric,
                     provenance
 checksum            SHA-256 of all the entries above
 ==================  =====================================================================
+
+Format 1 knew no trials; its files are read as sets that were never tried.
 """
 
 from __future__ import annotations
@@ -31,12 +34,13 @@ from optsc.geometry import Pose
 from optsc.grasps.grasp_set import GraspSet
 from optsc.robot.cache import write_atomically
 
-FORMAT = 1
+FORMAT = 2
 """Version of the file format; a file with a greater one is refused."""
 
 SUFFIX = ".grasps.npz"
 
 _ARRAYS = ("quaternion", "translation", "opening", "quality")
+_TRIALS = ("tried", "held")
 _FIELDS = {"object_name": str, "object_hash": str, "gripper": str, "jaw_symmetric": bool, "provenance": dict}
 # What zipfile and numpy raise for bytes that are no such archive, found by flipping every byte of a file.
 _BAD_ARCHIVE = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError, OSError)
@@ -71,6 +75,8 @@ def save_set(grasps: GraspSet, directory: str | Path) -> Path:
         "quality": grasps.quality,
         "description": np.frombuffer(json.dumps(description).encode(), dtype=np.uint8),
     }
+    if grasps.tried is not None and grasps.held is not None:
+        entries |= {"tried": grasps.tried, "held": grasps.held}
     buffer = io.BytesIO()
     np.savez(buffer, **entries, checksum=_checksum(entries))  # type: ignore[arg-type]
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -108,6 +114,8 @@ def load_set(path: str | Path) -> GraspSet:
             X_OG=Pose(quaternion, translation),
             opening=entries["opening"],
             quality=entries["quality"],
+            tried=entries.get("tried"),
+            held=entries.get("held"),
             **{field: description[field] for field in _FIELDS},
         )
     except (InvalidValue, ValueError) as error:
@@ -123,7 +131,8 @@ def _read(path: str | Path) -> Mapping[str, np.ndarray]:
         raise DamagedFile(path, f"cannot be read ({error.strerror})") from None
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            entries = {name: archive[name] for name in (*_ARRAYS, "description", "checksum")}
+            trials = [name for name in _TRIALS if name in archive.files]
+            entries = {name: archive[name] for name in (*_ARRAYS, *trials, "description", "checksum")}
     except KeyError as error:
         raise DamagedFile(path, f"is no grasp file ({error.args[0]})") from None
     except (*_BAD_ARCHIVE, *_BAD_ARRAY) as error:
@@ -135,7 +144,7 @@ def _read(path: str | Path) -> Mapping[str, np.ndarray]:
 
 def _checksum(entries: Mapping[str, np.ndarray]) -> np.ndarray:
     digest = hashlib.sha256()
-    for name in (*_ARRAYS, "description"):
+    for name in (*_ARRAYS, *(name for name in _TRIALS if name in entries), "description"):
         array = np.ascontiguousarray(entries[name])
         digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
         digest.update(array.tobytes())

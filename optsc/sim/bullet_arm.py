@@ -11,6 +11,7 @@ from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.sim.bullet_bodies import add_robot
+from optsc.sim.jaws import couple, drive_jaws, prepare_pads
 from optsc.sim.settings import PhysicsSettings
 
 Colour = tuple[float, float, float]
@@ -38,9 +39,10 @@ class Arm:
         self._client, self._robot, self._settings = client, robot, settings
         self.body = add_robot(client, robot, visible=visible)
         self._find_joints()
-        self._set_limits_and_friction()
+        self._set_limits()
         if self.fingers:
-            self._couple_jaws()
+            prepare_pads(client, self.body, self.fingers, settings.finger_friction, settings.pad_torsion)
+            couple(client, self.body, self.fingers)
         self._opening_target = float("nan")
 
     def _find_joints(self) -> None:
@@ -62,38 +64,12 @@ class Arm:
         self._position_gains = [self._settings.position_gain] * len(self._joints)
         self._velocity_gains = [1.0] * len(self._joints)
 
-    def _set_limits_and_friction(self) -> None:
+    def _set_limits(self) -> None:
         arm, limits = {"physicsClientId": self._client}, self._robot.limits
         for i, index in enumerate(self._joints):
             if limits.bounded[i]:  # the model may have other limits than the description
                 lower, upper = float(limits.lower[i]), float(limits.upper[i])
                 pybullet.changeDynamics(self.body, index, jointLowerLimit=lower, jointUpperLimit=upper, **arm)
-        for index in self.fingers:
-            pybullet.changeDynamics(
-                self.body,
-                index,
-                lateralFriction=self._settings.finger_friction,
-                spinningFriction=self._settings.pad_torsion,
-                # Friction of velocities alone lets what is held creep out of the hand, up to 0.1 mm a second.
-                frictionAnchor=1,
-                **arm,
-            )
-
-    def _couple_jaws(self) -> None:
-        """Make both jaws move alike: otherwise they slide to one side together with what they hold."""
-        nowhere = [0.0, 0.0, 0.0]
-        gear = pybullet.createConstraint(
-            self.body,
-            self.fingers[0],
-            self.body,
-            self.fingers[1],
-            jointType=pybullet.JOINT_GEAR,
-            jointAxis=[0.0, 1.0, 0.0],
-            parentFramePosition=nowhere,
-            childFramePosition=nowhere,
-            physicsClientId=self._client,
-        )
-        pybullet.changeConstraint(gear, gearRatio=-1, erp=0.1, maxForce=50, physicsClientId=self._client)
 
     def paint(self, arm: Colour, hand: Colour) -> None:
         """Give the arm one colour and all that comes after its last joint another; RGB from 0 to 1."""
@@ -131,16 +107,10 @@ class Arm:
         if opening == self._opening_target:
             return
         self._opening_target = opening
-        for index in self.fingers:
-            pybullet.setJointMotorControl2(
-                self.body,
-                index,
-                pybullet.POSITION_CONTROL,
-                targetPosition=0.5 * opening,
-                force=self._settings.jaw_force,
-                maxVelocity=0.5 * self._settings.jaw_speed,
-                physicsClientId=self._client,
-            )
+        settings = self._settings
+        drive_jaws(
+            self._client, self.body, self.fingers, opening, settings.jaw_force, 0.5 * settings.jaw_speed
+        )
 
     def state(self) -> tuple[Array, Array]:
         """Return positions (n,) [rad] and velocities (n,) [rad/s] of the joints."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from optsc.errors import InvalidValue, OptscError
+from optsc.errors import InvalidValue, OptscError, require_positive
 
 GRAVITY = 9.81
 """[m/s^2], downwards."""
@@ -47,10 +47,7 @@ class PhysicsSettings:
     pad_torsion: float = 0.005
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not 0.0 < value < float("inf"):
-                raise InvalidValue(f"PhysicsSettings.{field.name}", value, "finite, above 0")
+        require_positive("PhysicsSettings", {field.name: getattr(self, field.name) for field in fields(self)})
         if self.time_step > LONGEST_STEP:
             raise InvalidValue("PhysicsSettings.time_step", self.time_step, f"at most {LONGEST_STEP:.6f} s")
         if self.position_gain > 1.0:

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optsc.study.conditions import MANIPULABILITY_ONLY, MEASURES, PAPER, Condition, Person
+from optsc.robot.manipulability import DEFINITIONS
+from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
 from optsc.study.engine import Engine
 from optsc.study.outcomes import MEASURED, Row
 from optsc.study.scenes import Scene
@@ -37,8 +38,10 @@ MARGIN = 1e-6
 
 
 def approach_conditions(measures: Sequence[str] | None = None) -> tuple[Condition, ...]:
-    """Return both strategies under each definition of M, by default all of `MEASURES`; raise `UnknownName`."""
-    return tuple(strategy.with_measure(name) for name, strategy in product(measures or MEASURES, STRATEGIES))
+    """Return both strategies under each definition of M, by default all of `DEFINITIONS`; raise `UnknownName`."""
+    return tuple(
+        strategy.with_measure(name) for name, strategy in product(measures or DEFINITIONS, STRATEGIES)
+    )
 
 
 class Pair(NamedTuple):

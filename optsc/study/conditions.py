@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.operators import Operator, operator_type
-from optsc.robot.manipulability import SINGULARITY, Manipulability
+from optsc.robot.manipulability import DEFINITIONS, Manipulability
 from optsc.selection import Cascade, Rule
 from optsc.study.keys import Plain, key, plain
 
@@ -46,26 +45,14 @@ class Person:
         return plain([self, operator_type(self.kind)])
 
 
-def _measures() -> dict[str, Manipulability]:
-    named = {}
-    for singularity in SINGULARITY:
-        named[singularity] = Manipulability(singularity)
-        named[f"{singularity}-no-limits"] = Manipulability(singularity, "none")
-    named["simox"] = Manipulability.simox()
-    return named
-
-
-MEASURES: Mapping[str, Manipulability] = MappingProxyType(_measures())
-"""Definitions of M by name: each singularity measure with the normalised penalty for joint limits and without any, and
-Simox's default."""
-DEFAULT_MEASURE = "yoshikawa"
+DEFAULT_MEASURE = "yoshikawa-tsai"
 
 
 def measure(name: str) -> Manipulability:
-    """Return the definition of M of that name, one of `MEASURES`; raise `UnknownName`."""
-    if name not in MEASURES:
-        raise UnknownName("definition of M", name, MEASURES)
-    return MEASURES[name]
+    """Return the definition of M of that name, one of `DEFINITIONS`; raise `UnknownName`."""
+    if name not in DEFINITIONS:
+        raise UnknownName("definition of M", name, DEFINITIONS)
+    return DEFINITIONS[name]
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ class TestContacts:
     def contacts(self, surface: Surface, X_OG: Pose) -> dict[str, float]:
         points_T = in_tool_frame(X_OG, surface.points)
         found = pad_contacts(points_T, surface, X_OG, PANDA_HAND, 0.5)._asdict()
-        return {name: float(value[0]) for name, value in found.items()}
+        return {name: float(value[0]) for name, value in found.items() if value.ndim == 1}
 
     def test_pads_flat_on_the_box_are_covered_centred_and_aligned(self) -> None:
         found = self.contacts(self.surface, Pose.identity((1,)))
@@ -146,6 +146,12 @@ class TestContacts:
         assert found["coverage"] == pytest.approx(1.0, abs=0.1)
         assert found["eccentricity"] < 0.1
         assert found["alignment"] == pytest.approx(1.0, abs=1e-6)
+
+    def test_the_middle_of_the_load_and_the_inward_normals_face_each_other(self) -> None:
+        X_OG = Pose.identity((1,))
+        found = pad_contacts(in_tool_frame(X_OG, self.surface.points), self.surface, X_OG, PANDA_HAND, 0.5)
+        assert np.allclose(found.points[0], [[0.0, -0.02, 0.0], [0.0, 0.02, 0.0]], atol=1e-3)
+        assert np.allclose(found.inward[0], [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]], atol=1e-6)
 
     def test_a_pad_half_over_the_edge_is_half_covered_and_eccentric(self) -> None:
         at_the_edge = Pose.from_translation([[0.1, 0.0, 0.0]])

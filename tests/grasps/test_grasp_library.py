@@ -40,6 +40,35 @@ class TestFiles:
         path = storage.save_set(few_grasps, tmp_path / "new" / "folder")
         assert same(storage.load_set(path), few_grasps)
 
+    def test_trials_are_stored_with_the_grasps(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        held = np.arange(len(few_grasps)) % 3 > 0
+        tried = replace(few_grasps, tried=np.ones(len(few_grasps), dtype=bool), held=held)
+        loaded = storage.load_set(storage.save_set(tried, tmp_path))
+        assert loaded.tried is not None
+        assert loaded.tried.all()
+        assert loaded.reliable.tolist() == held.tolist()
+        assert storage.load_set(storage.save_set(few_grasps, tmp_path)).tried is None
+
+    def test_a_file_of_the_first_format_is_read_as_never_tried(
+        self, tmp_path: Path, few_grasps: GraspSet
+    ) -> None:
+        path = storage.save_set(few_grasps, tmp_path)
+        rewrite(path, lambda entries: set_description(entries, format=1))
+        assert same(storage.load_set(path), few_grasps)
+        assert storage.load_set(path).held is None
+
+    def test_flipped_outcomes_do_not_agree_with_the_checksum(
+        self, tmp_path: Path, few_grasps: GraspSet
+    ) -> None:
+        all_of_them = np.ones(len(few_grasps), dtype=bool)
+        path = storage.save_set(replace(few_grasps, tried=all_of_them, held=all_of_them), tmp_path)
+        with np.load(path) as archive:
+            entries = dict(archive)
+        entries["held"] = ~entries["held"]
+        np.savez(path, **entries)  # type: ignore[arg-type]
+        with pytest.raises(DamagedFile, match="checksum"):
+            storage.load_set(path)
+
     def test_the_same_set_gives_the_same_file(self, tmp_path: Path, few_grasps: GraspSet) -> None:
         first = storage.save_set(few_grasps, tmp_path / "a").read_bytes()
         again = storage.load_set(tmp_path / "a" / "brick.grasps.npz")
@@ -176,6 +205,39 @@ class TestSet:
         with pytest.raises(InvalidValue, match="opening"):
             replace(few_grasps, opening=few_grasps.opening[1:])
 
+    def test_only_what_was_tried_can_have_held(self, few_grasps: GraspSet) -> None:
+        none, some = np.zeros(len(few_grasps), dtype=bool), np.ones(len(few_grasps), dtype=bool)
+        with pytest.raises(InvalidValue, match="held"):
+            replace(few_grasps, tried=none, held=some)
+        with pytest.raises(InvalidValue, match="tried and held"):
+            replace(few_grasps, held=some)
+        with pytest.raises(InvalidValue, match="tried"):
+            replace(few_grasps, tried=some[1:], held=none)
+
+    def test_some_of_a_set_keep_their_own_numbers(self, few_grasps: GraspSet) -> None:
+        held = np.arange(len(few_grasps)) % 2 == 0
+        tried = replace(few_grasps, tried=np.ones(len(few_grasps), dtype=bool), held=held)
+        part = tried.select([3, 1])
+        assert part.opening.tolist() == few_grasps.opening[[3, 1]].tolist()
+        assert part.reliable.tolist() == held[[3, 1]].tolist()
+        assert len(tried.select(held)) == held.sum()
+        assert len(tried.select([])) == 0
+
+    def test_a_moved_set_is_the_same_in_the_world(self, few_grasps: GraspSet) -> None:
+        rng = np.random.default_rng(0)
+        X_NO, X_WO = (Pose(rotation.random(rng), rng.normal(size=3)) for _ in range(2))
+        moved = few_grasps.moved(X_NO)
+        assert (X_WO @ X_NO.inverse() @ moved.X_OG).almost_equal(X_WO @ few_grasps.X_OG, 1e-12)
+        with pytest.raises(InvalidValue, match="X_NO"):
+            few_grasps.moved(Pose.identity((2,)))
+
+    def test_age_and_visible_share_come_from_the_view(self, few_grasps: GraspSet) -> None:
+        seen = replace(few_grasps, provenance={"stamp": 12.5, "visible_fraction": 0.6})
+        assert seen.age(20.0) == 7.5
+        assert seen.visible_fraction == 0.6
+        assert few_grasps.age(20.0) is None
+        assert few_grasps.visible_fraction is None
+
 
 class TestLibrary:
     def other(self, grasps: GraspSet, **change: object) -> GraspSet:
@@ -246,6 +308,21 @@ class TestLibrary:
             one.place({"mug": Pose.identity()})
         with pytest.raises(InvalidValue, match="pose of brick"):
             one.place({"brick": Pose.identity((2,))})
+
+    def test_a_set_is_replaced_and_retired_without_touching_the_others(self, few_grasps: GraspSet) -> None:
+        one = GraspLibrary({"brick": few_grasps})
+        other = self.other(few_grasps)
+        both = one.with_set(other)
+        assert set(one) == {"brick"}
+        assert both["brick"] is few_grasps
+        newer = both.with_set(few_grasps.select([0, 1]))
+        assert (len(newer["brick"]), len(both["brick"])) == (2, len(few_grasps))
+        assert newer["other"] is other
+        assert set(both.without("brick")) == {"other"}
+        with pytest.raises(UnknownName, match=r"mug.*brick"):
+            both.without("mug")
+        with pytest.raises(Mismatch, match="two_fingers"):
+            one.with_set(self.other(few_grasps, gripper="two_fingers"))
 
 
 class TestBuilding:

@@ -9,8 +9,8 @@ import pytest
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.grasps import AntipodalSettings, GraspSet, sample_grasps
-from optsc.grasps.checks import grasp_quality
 from optsc.grasps.proposals import cone_cosine, propose, within_cone
+from optsc.grasps.quality import grasp_quality, hold_quality
 from optsc.grasps.rays import exits
 from optsc.grasps.spread import pose_distance
 from optsc.grasps.surface import centre_of_mass, sample_surface
@@ -176,14 +176,16 @@ def test_impossible_settings_are_refused_by_name(change: dict[str, float]) -> No
         AntipodalSettings(**change)  # type: ignore[arg-type]
 
 
-def test_quality_is_the_documented_mean_of_its_four_factors() -> None:
-    settings, cone = AntipodalSettings(friction=0.5, max_lever=0.04), 1 / np.sqrt(1.25)
-    factors = (0.5, 0.4, 0.75, 0.6)
-    arguments = (cone + 0.5 * (1 - cone), 0.2, 0.02, 0.018)
-    got = grasp_quality(*map(np.array, arguments), settings)
-    assert got == pytest.approx(np.prod(factors) ** 0.25)
-    assert grasp_quality(np.array(1.0), np.array(1.0), np.array(0.0), np.array(0.05), settings) == 1.0
-    assert grasp_quality(np.array(0.5), np.array(1.0), np.array(0.0), np.array(0.05), settings) == 0.0
+def test_quality_is_the_documented_mean_of_its_five_factors() -> None:
+    settings = AntipodalSettings(max_lever=0.04)
+    coverage, lever, spare = np.array(0.2), np.array(0.02), np.array(0.018)
+    hold = hold_quality(coverage, lever, spare, settings)
+    assert hold == pytest.approx((0.4 * 0.75 * 0.6) ** (1 / 3))
+    quality = grasp_quality(np.array(0.7), np.array(0.5), hold)
+    assert quality == pytest.approx((0.7 * 0.5 * 0.4 * 0.75 * 0.6) ** (1 / 5))
+    best = hold_quality(np.array(1.0), np.array(0.0), np.array(0.05), settings)
+    assert grasp_quality(np.array(1.2), np.array(1.0), best) == 1.0
+    assert grasp_quality(np.array(0.7), np.array(0.0), hold) == 0.0
 
 
 def test_proposals_have_both_contacts_in_the_friction_cone(brick: TriangleMesh) -> None:

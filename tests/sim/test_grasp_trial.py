@@ -15,7 +15,6 @@ from optsc.sim.trial_hand import hand_description
 from optsc.sim.trial_settings import TrialOutcome, TrialSettings
 from optsc.sim.validation import validate
 
-
 _QUARTER_TURN = Pose.from_rotation_vector([0.0, 0.0, 0.5 * np.pi], np.zeros(3))
 
 
@@ -101,7 +100,9 @@ def test_an_object_can_be_tried_as_it_lies(side_grasp: GraspSet) -> None:
     from_above = Pose.from_rotation_vector([np.pi, 0.0, 0.0], [0.0, -0.06, 0.035])
     grasps = with_poses(side_grasp, (on_its_side.inverse() @ from_above)[None])
     X_OG = grasps.X_OG
-    assert try_grasps(can, with_poses(side_grasp, X_OG @ _QUARTER_TURN), X_WO=on_its_side).lifted.tolist() == [True]
+    assert try_grasps(
+        can, with_poses(side_grasp, X_OG @ _QUARTER_TURN), X_WO=on_its_side
+    ).lifted.tolist() == [True]
     with pytest.raises(InvalidValue, match="rest of can"):
         try_grasps(can, grasps, X_WO=Pose.from_rotation_vector([0.7, 0.0, 0.0], [0.0, 0.0, 0.1]))
 

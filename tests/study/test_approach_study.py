@@ -7,8 +7,9 @@ import pytest
 
 from optsc.cli import main
 from optsc.errors import InvalidValue, UnknownName
+from optsc.robot.manipulability import DEFINITIONS
 from optsc.study.approach import CLAIMS, approach_conditions, compare, explanation, failures, pairs_of
-from optsc.study.conditions import MEASURES, Person
+from optsc.study.conditions import Person
 from optsc.study.outcomes import CHOSEN, JUMPS, MEASURED
 from optsc.study.scenes import random_scene
 from optsc.study.stability import stability
@@ -77,7 +78,7 @@ def test_every_part_of_the_claim_that_fails_is_listed_with_its_reason():
 
 def test_all_definitions_of_m_are_tried_under_both_strategies():
     found = approach_conditions()
-    assert len(found) == 2 * len(MEASURES) == len({c.key for c in found})
+    assert len(found) == 2 * len(DEFINITIONS) == len({c.key for c in found})
     with pytest.raises(UnknownName, match="yoshikawa"):
         approach_conditions(["beauty"])
     assert set(CLAIMS) == {"shorter", "turns less", "smoother (tool)", "smoother (joints)", "quicker"}
@@ -87,7 +88,7 @@ def test_all_definitions_of_m_are_tried_under_both_strategies():
 def output(tmp_path_factory):
     folder = tmp_path_factory.mktemp("approach")
     arguments = ["study", "approach", "--robots", "panda", "--scenes", "2", "--objects", "2", "--seed", "5"]
-    arguments += ["--measures", "yoshikawa", "inverse_condition", "--workers", "0", "--output", str(folder)]
+    arguments += ["--measures", "yoshikawa", "inverse-condition", "--workers", "0", "--output", str(folder)]
     assert main(arguments) == 0
     return folder
 
@@ -97,7 +98,7 @@ def test_the_experiment_writes_tables_summary_and_a_page_that_needs_no_network(o
     assert summary["rows"] == 8
     assert [(c["robot"], c["measure"]) for c in summary["comparisons"]] == [
         ("panda", "yoshikawa"),
-        ("panda", "inverse_condition"),
+        ("panda", "inverse-condition"),
     ]
     assert len(summary["scenes"]) == 2
     assert "numpy" in summary["versions"]

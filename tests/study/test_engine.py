@@ -7,10 +7,11 @@ from optsc.control.modes import Mode
 from optsc.errors import InvalidValue, UnknownName
 from optsc.followers import IdealFollower
 from optsc.metrics import Motion
+from optsc.robot.manipulability import DEFINITIONS
 from optsc.selection import PoseDistance, WeightedSum
 from optsc.selection.costs import JointTravel, ManipulabilityLoss, OrientationDistance, PositionDistance
 from optsc.session import run
-from optsc.study.conditions import MANIPULABILITY_ONLY, MEASURES, PAPER, Condition, Person
+from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
 from optsc.study.engine import Engine
 from optsc.study.outcomes import MEASURED, Job, do, rows
 from optsc.study.scenes import LEVELS, Scene, grade, random_scene, scene_set
@@ -20,7 +21,7 @@ WEIGHTED = Condition(
     "weighted", WeightedSum(((OrientationDistance(), 1.0), (ManipulabilityLoss(), 8.0), (JointTravel(), 0.2)))
 )
 POSES = Condition("poses", WeightedSum(((PoseDistance(), 1.0), (PositionDistance(), 2.0))), "simox")
-CONDITIONS = (PAPER, MANIPULABILITY_ONLY, PAPER.with_measure("inverse_condition"), WEIGHTED, POSES)
+CONDITIONS = (PAPER, MANIPULABILITY_ONLY, PAPER.with_measure("inverse-condition"), WEIGHTED, POSES)
 SETTINGS = Settings()
 OBJECTS = ("box", "can", "mug")
 
@@ -75,7 +76,7 @@ def test_each_distinct_target_is_executed_once(engine):
     before = engine.executions
     distinct = {(row["hand_over"], row["candidate"], row["half_turn"]) for row in found}
     assert before == len(distinct)
-    rows(engine, [PAPER.with_measure(name) for name in MEASURES if name.startswith("yoshikawa")])
+    rows(engine, [PAPER.with_measure(name) for name in DEFINITIONS if name.startswith("yoshikawa")])
     assert engine.executions <= before + 2
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from optsc.errors import InvalidValue
+from optsc.robot.manipulability import DEFINITIONS
 from optsc.selection import Cascade, WeightedSum
 from optsc.selection.costs import OrientationDistance, PositionDistance
-from optsc.study.conditions import MANIPULABILITY_ONLY, MEASURES, PAPER, Condition, Person
+from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
 from optsc.study.keys import canonical, key
 from optsc.study.stability import perturbed
 from optsc.study.statistics import (
@@ -36,14 +37,14 @@ def test_a_key_is_the_same_in_every_process():
 
 
 def test_whatever_changes_the_choice_changes_the_key_and_the_name_does_not():
-    keys = {PAPER.with_measure(name).key for name in MEASURES} | {MANIPULABILITY_ONLY.key}
+    keys = {PAPER.with_measure(name).key for name in DEFINITIONS} | {MANIPULABILITY_ONLY.key}
     keys |= {Condition("", Cascade.paper(position=7)).key}
     weighted = [(OrientationDistance(), 1.0), (PositionDistance(), 0.5)]
     keys |= {
         Condition("", WeightedSum(tuple(weighted))).key,
         Condition("", WeightedSum(tuple(weighted[::-1]))).key,
     }
-    assert len(keys) == len(MEASURES) + 4
+    assert len(keys) == len(DEFINITIONS) + 4
     assert Condition("other", PAPER.rule, about={"at": 1}).key == PAPER.key
 
 

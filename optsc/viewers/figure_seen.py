@@ -1,0 +1,193 @@
+"""What a camera's image was taken for: depth, objects, the clouds with what templates filled in, and the grasps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from optsc.geometry import DepthImage
+from optsc.geometry.rotation import Array
+from optsc.grasps import GraspSet
+from optsc.perception import KnownObject, SceneMemory
+from optsc.viewers.figure_grasps import fork_lines
+
+INK, SEEN, FILLED_IN, DOUBTFUL = "#24292f", "#1d6f8a", "#d08a2e", "#c04a60"
+_COLOURS = "tab10"
+
+
+def seen_figure(memory: SceneMemory, image: DepthImage) -> Any:
+    """Return a figure of four views: measured depth, what is known over it, clouds and grasps in W.
+
+    Args:
+        memory: what is known after a look.
+        image: that was looked at.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13.5, 9.4), dpi=110, facecolor="white")
+    depth = figure.add_axes((0.01, 0.52, 0.45, 0.44))
+    objects = figure.add_axes((0.51, 0.52, 0.45, 0.44))
+    _draw_depth(figure, depth, image)
+    _draw_objects(objects, memory, image)
+    for axes in (depth, objects):
+        _crop(axes, memory, image)
+    clouds: Any = figure.add_axes((0.0, 0.0, 0.48, 0.50), projection="3d")
+    grasps: Any = figure.add_axes((0.47, 0.0, 0.48, 0.50), projection="3d")
+    low, high = _extent(memory)
+    _frame(
+        clouds, image, low, high, 80.0
+    )  # what was measured and what was not are both in view from the side
+    _frame(grasps, image, low, high, 0.0)
+    for known in memory.objects.values():
+        _draw_cloud(clouds, known)
+        _draw_cloud(grasps, known, quiet=True)
+    _legend(clouds)
+    count = _draw_grasps(figure, grasps, memory)
+    clouds.set_title("points of each object, from beside the camera's view", fontsize=10, color=INK, y=1.0)
+    grasps.set_title(f"{count} grasps, coloured by quality", fontsize=10, color=INK, y=1.0)
+    return figure
+
+
+def _draw_depth(figure: Any, axes: Any, image: DepthImage) -> None:
+    shown = image.depth[image.measured]
+    limits = np.percentile(shown, [1, 90]) if len(shown) else (0.0, 1.0)
+    drawn = axes.imshow(image.depth, cmap="viridis_r", vmin=limits[0], vmax=limits[1])
+    bar = figure.colorbar(drawn, ax=axes, fraction=0.035, pad=0.015)
+    bar.set_label("depth [m]", color=INK, fontsize=9)
+    axes.set_title("measured depth, white where nothing was measured", fontsize=10, color=INK)
+
+
+def _draw_objects(axes: Any, memory: SceneMemory, image: DepthImage) -> None:
+    """Draw the silhouettes over a grey depth image, with all of the template as it is placed in each."""
+    from matplotlib import colormaps
+
+    shown = image.depth[image.measured]
+    low, high = np.percentile(shown, [1, 90]) if len(shown) else (0.0, 1.0)
+    grey = 0.95 - 0.35 * np.clip((image.depth - low) / max(high - low, 1e-6), 0.0, 1.0)
+    picture = np.repeat(np.where(np.isnan(grey), 1.0, grey)[..., None], 3, axis=2)
+    placed = []
+    for k, known in enumerate(memory.objects.values()):
+        colour = np.array(colormaps[_COLOURS](k % 10)[:3])
+        picture[known.pixels] = 0.45 * picture[known.pixels] + 0.55 * colour
+        placed.append((known, colour))
+    axes.imshow(picture)
+    for known, colour in placed:
+        filled = known.cloud.points[~known.cloud.seen_mask]
+        u, v, _ = image.camera.project(image.X_WC.inverse().apply(known.X_WO.apply(filled)))
+        axes.plot(u, v, ".", markersize=1.2, color=0.6 * colour)
+        rows, columns = np.nonzero(known.pixels)
+        text = (
+            known.name
+            if known.certain or known.template is None
+            else f"{known.name} ({len(known.explanations)} ways)"
+        )
+        box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.85, "linewidth": 0.0}
+        axes.text(
+            columns.mean(),
+            rows.max() + 0.02 * image.depth.shape[0],
+            text,
+            ha="center",
+            va="top",
+            fontsize=8.5,
+            color=INK,
+            bbox=box,
+        )
+    title = "known objects; dots: what their templates fill in"
+    axes.set_title(title, fontsize=10, color=INK)
+
+
+def _crop(axes: Any, memory: SceneMemory, image: DepthImage) -> None:
+    """Show the objects with something around them, in the shape of the image."""
+    height, width = image.depth.shape
+    shown = np.zeros(image.depth.shape, dtype=bool)
+    for known in memory.objects.values():
+        shown |= known.pixels
+    rows, columns = np.nonzero(shown if shown.any() else ~shown)
+    half = 0.5 * max(1.5 * np.ptp(columns), 1.7 * np.ptp(rows) * width / height, 0.3 * width)
+    half = min(half, 0.5 * width)
+    u = np.clip(0.5 * (columns.min() + columns.max()), half, width - half) - 0.5
+    v = np.clip(0.5 * (rows.min() + rows.max()), half * height / width, height - half * height / width) - 0.5
+    axes.set(xlim=(u - half, u + half), ylim=(v + half * height / width, v - half * height / width))
+    axes.set(xticks=[], yticks=[])
+
+
+def _draw_cloud(axes: Any, known: KnownObject, quiet: bool = False) -> None:
+    cloud = known.cloud
+    groups = (
+        (cloud.points[cloud.seen_mask], SEEN),
+        (cloud.points[~cloud.seen_mask], FILLED_IN),
+        (known.doubtful, DOUBTFUL),
+    )
+    for points, colour in groups[:2] if quiet else groups:
+        few = points[:: max(1, len(points) // 1500)]
+        shown = "#9aa3ad" if quiet else colour
+        axes.scatter(*known.X_WO.apply(few).T, s=1.6, color=shown, alpha=0.7, linewidths=0, depthshade=False)
+
+
+def _draw_grasps(figure: Any, axes: Any, memory: SceneMemory) -> int:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    sets: list[tuple[GraspSet, KnownObject]] = [
+        (grasps, memory.objects[name]) for name, grasps in memory.library.items() if len(grasps)
+    ]
+    if not sets:
+        return 0
+    quality = np.concatenate([grasps.quality for grasps, _ in sets])
+    colours = ScalarMappable(Normalize(quality.min(), max(quality.max(), quality.min() + 1e-6)), "viridis")
+    for grasps, known in sets:
+        order = np.argsort(grasps.quality)  # the best are drawn last, on top
+        lines = known.X_WO.apply(fork_lines(grasps)[order])
+        drawn = Line3DCollection(
+            lines, colors=colours.to_rgba(grasps.quality[order]), linewidths=0.6, alpha=0.9
+        )
+        axes.add_collection3d(drawn, autolim=False)
+    bar = figure.colorbar(colours, cax=figure.add_axes((0.935, 0.10, 0.011, 0.26)))
+    bar.set_label("quality of the grasp [-]", color=INK, fontsize=9)
+    return len(quality)
+
+
+def _extent(memory: SceneMemory) -> tuple[Array, Array]:
+    """Return the corners (3,) [m] of a cube around the objects."""
+    points = [known.X_WO.apply(known.cloud.points) for known in memory.objects.values()]
+    every = np.concatenate([np.zeros((0, 3)), *points]) if points else np.array([[0.5, 0.0, 0.0]])
+    low, high = every.min(axis=0), every.max(axis=0)
+    middle = 0.5 * (low + high)
+    half = max(0.5 * float((high - low)[:2].max()) + 0.04, 0.12)
+    return np.array([*(middle[:2] - half), 0.0]), np.array([*(middle[:2] + half), 1.1 * half])
+
+
+def _frame(axes: Any, image: DepthImage, low: Array, high: Array, turn: float) -> None:
+    """Look from about the camera's height, turned about the vertical away from where it stands [degrees]."""
+    towards = image.X_WC.translation - 0.5 * (low + high)
+    azimuth = np.degrees(np.arctan2(towards[1], towards[0]))
+    axes.view_init(elev=32.0, azim=azimuth + turn)
+    axes.set_proj_type("ortho")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.08)
+    for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y"), (axes.zaxis, "z")):
+        axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
+        axis.set_label_text(f"{letter} [m]", color=INK, fontsize=8)
+        axis.set_tick_params(labelsize=6)
+    axes.locator_params(nbins=5)
+
+
+def _legend(axes: Any) -> None:
+    from matplotlib.lines import Line2D
+
+    entries = (
+        (SEEN, "measured"),
+        (FILLED_IN, "filled in by the template"),
+        (DOUBTFUL, "there or not: kept clear of"),
+    )
+    handles = [Line2D([], [], color="none", marker="o", ms=5, mfc=c, mec="none", label=t) for c, t in entries]
+    axes.legend(
+        handles=handles,
+        loc="upper left",
+        bbox_to_anchor=(0.0, 0.93),
+        frameon=False,
+        fontsize=8,
+        labelcolor=INK,
+    )
