@@ -1,6 +1,7 @@
 """What the person brings in: samples of a hand, the clutch, prediction, devices, simulated and recorded operators."""
 
 from optsc.operators.clutch import ClutchSettings, Slerp
+from optsc.operators.mailbox import Mailbox
 from optsc.operators.people import TYPES, OperatorType, operator_type
 from optsc.operators.prediction import PredictionSettings
 from optsc.operators.recorded import HandRecording, Recorded
@@ -13,6 +14,7 @@ __all__ = [
     "Button",
     "ClutchSettings",
     "HandRecording",
+    "Mailbox",
     "Operator",
     "OperatorSample",
     "OperatorType",

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ruckig import Result, RuckigError
 
 from optsc.errors import InvalidValue
 from optsc.robot import ROBOT_NAMES, load_robot
@@ -117,3 +118,32 @@ def test_a_bad_start_is_refused():
             guard.reset(wrong)
     with pytest.raises(InvalidValue, match="period"):
         JointGuard(robot.limits, 0.0)
+
+
+FAILURES = sorted(set(Result.__members__) - {"Working", "Finished"})
+
+
+class Answers:
+    """A planner that answers one thing, whatever it is asked."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def calculate(self, plan, trajectory):
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.mark.parametrize("name", [*FAILURES, "an exception"])
+def test_whatever_error_the_planner_answers_the_limits_hold_and_it_is_counted(name):
+    limits = load_robot("panda").limits
+    guard = JointGuard(limits, 1e-3)
+    guard.reset(load_robot("panda").home)
+    guard._planner = Answers(RuckigError("no") if name == "an exception" else Result.__members__[name])
+    states = [guard.advance(np.full(7, 100.0)) for _ in range(300)]
+    assert guard.planner_failures > 0
+    q, v, a = (np.array([getattr(state, part) for state in states]) for part in "qva")
+    assert_within(limits, 1e-3, q, v, a)
+    # It goes where it is told all the same, only not by the planner's way.
+    assert np.all(v[50] > 0.0)

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from ruckig import Result
 
-from optsc.errors import InvalidValue
+from optsc.errors import InvalidValue, SolverFailure
 from optsc.shaping import TimeLaw
 
 positive = st.floats(0.01, 10.0)
@@ -39,3 +40,17 @@ def test_the_ends_hold_before_and_after():
 def test_impossible_laws_are_refused(wrong):
     with pytest.raises(InvalidValue, match="path"):
         TimeLaw(**{"length": 1.0, "speed": 0.1, "acceleration": 0.5, "jerk": 5.0, **wrong})
+
+
+@pytest.mark.parametrize("name", sorted(set(Result.__members__) - {"Working", "Finished"}))
+def test_whatever_error_the_planner_answers_is_named(name, monkeypatch):
+    class Planner:
+        def __init__(self, joints):
+            pass
+
+        def calculate(self, plan, trajectory):
+            return Result.__members__[name]
+
+    monkeypatch.setattr("ruckig.Ruckig", Planner)
+    with pytest.raises(SolverFailure, match=name):
+        TimeLaw(1.0, 0.1, 0.5, 5.0)
