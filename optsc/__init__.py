@@ -16,6 +16,7 @@ _WHERE = {
     "ClutchSettings": "optsc.operators",
     "GraspLibrary": "optsc.grasps",
     "GraspSelector": "optsc.control.selecting",
+    "Hysteresis": "optsc.selection",
     "IdealFollower": "optsc.followers",
     "Manipulability": "optsc.robot.manipulability",
     "Mode": "optsc.control.modes",
@@ -33,11 +34,12 @@ _WHERE = {
     "WeightedSum": "optsc.selection",
     "build_library": "optsc.grasps",
     "load_robot": "optsc.robot",
+    "make_policy": "optsc.control.arbitration",
     "replay": "optsc.session",
     "run": "optsc.session",
     "solve_ik": "optsc.ik.batch",
 }
-_ROOMS = ("ik", "metrics", "operators", "sim")
+_ROOMS = ("ik", "metrics", "operators", "perception", "sim")
 
 __all__ = [
     "Approach",
@@ -45,6 +47,7 @@ __all__ = [
     "ClutchSettings",
     "GraspLibrary",
     "GraspSelector",
+    "Hysteresis",
     "IdealFollower",
     "Manipulability",
     "Mode",
@@ -63,8 +66,10 @@ __all__ = [
     "build_library",
     "ik",
     "load_robot",
+    "make_policy",
     "metrics",
     "operators",
+    "perception",
     "replay",
     "run",
     "sim",
