@@ -15,7 +15,7 @@ choice is at the hand's true pose than the choice that would be made there, cost
 from __future__ import annotations
 
 import argparse
-import json
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 import optsc
-from benchmarks.machine import machine, markdown_table
+from benchmarks.machine import markdown_table, save
 from optsc.geometry import Pose, rotation
 from optsc.operators import HandRecording
 from optsc.operators.human_motion import Hand, HumanParameters
@@ -202,19 +202,11 @@ def main() -> None:
     for scene in range(options.seed, options.seed + options.scenes):
         for key, runs in one_scene(robot, scene, options.seconds, options.poses, lambda text: None).items():
             found.setdefault(key, []).extend(runs)
-        print(f"scene {scene} done", flush=True)
+        print(f"scene {scene} done", file=sys.stderr, flush=True)
     tallies = {key: tallied(runs) for key, runs in sorted(found.items())}
-    text = table_of(tallies)
-    print(text)
-    if options.output:
-        options.output.mkdir(parents=True, exist_ok=True)
-        facts = {
-            "machine": machine(),
-            "settings": {k: str(v) for k, v in vars(options).items() if k != "output"},
-            "rows": [{"hand": h, "zone": z, **tally._asdict()} for (h, z), tally in tallies.items()],
-        }
-        (options.output / "summary.json").write_text(json.dumps(facts, indent=2) + "\n")
-        (options.output / "stability.md").write_text(text + "\n")
+    facts = {"rows": [{"hand": h, "zone": z, **tally._asdict()} for (h, z), tally in tallies.items()]}
+    command = "python -m benchmarks.stability " + " ".join(sys.argv[1:])
+    save(options.output, "stability", facts, table_of(tallies), command.strip())
 
 
 if __name__ == "__main__":

@@ -69,7 +69,21 @@ def test_an_arm_is_pressed_against_its_limits_and_its_reach(tmp_path):
         assert all(value >= 0.0 for value in arms["optsc"].values())
 
 
-@pytest.mark.parametrize("module", ["hand", "tick", "press"])
+def test_the_choice_of_a_resting_hand_is_watched(tmp_path):
+    facts = run("stability", tmp_path, "--scenes", "1", "--poses", "1", "--seconds", "0.4")
+    assert {row["hand"] for row in facts["rows"]} == {"moving", "simulated", "still"}
+    for row in facts["rows"]:
+        assert row["steady_runs"] <= row["runs"]
+        assert row["zone"] != "none" or row["price"] == [0.0, 0.0, 0.0]
+
+
+def test_segments_are_judged_by_labels(tmp_path):
+    run("segmentation", tmp_path, "--scenes", "1")
+
+
+@pytest.mark.parametrize(
+    "module", ["hand", "tick", "press", "stability", "segmentation", "perception", "grasps"]
+)
 def test_every_benchmark_says_how_it_is_used(module):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", f"benchmarks.{module}", "--help"]
