@@ -9,7 +9,20 @@ import platform
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("optsc", "numpy", "pin", "casadi", "daqp", "ruckig", "qpsolvers", "pin-pink", "mink", "mujoco", "pytracik")
+PACKAGES = (
+    "optsc",
+    "numpy",
+    "pin",
+    "casadi",
+    "daqp",
+    "ruckig",
+    "qpsolvers",
+    "pin-pink",
+    "mink",
+    "mujoco",
+    "pytracik",
+    "small_gicp",
+)
 
 
 def processor() -> str:

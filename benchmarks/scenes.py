@@ -4,6 +4,9 @@
 
 Every seed is one run of ``optsc demo``: its own scene and operator, each object once per strategy. Differences are
 paired by seed and object, where both strategies reached a grasp of the object that was wanted.
+
+With ``--perception`` the grasps come from a simulated depth camera alone; ``--against`` names the report of a run
+without, and the loss in lifts is what the camera costs.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+import time
 from concurrent.futures import ProcessPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
@@ -25,9 +29,44 @@ def one_scene(job):
     from optsc.robot import load_robot
     from optsc.study.demo import run_demo, save
 
-    robot, objects, seed, output = job
-    demo = run_demo(load_robot(robot), objects=objects, seed=seed, say=lambda text: None)
-    return save(demo, output / f"seed_{seed}")
+    robot, objects, seed, output, perception = job
+    begun = time.process_time()
+    demo = run_demo(
+        load_robot(robot), objects=objects, seed=seed, say=lambda text: None, perception=perception
+    )
+    return {**save(demo, output / f"seed_{seed}"), "cpu_s": time.process_time() - begun}
+
+
+def seen(summaries):
+    """What perception measured over all scenes: found objects, errors of their poses, time, and what happened."""
+    facts = [summary["perception"] for summary in summaries]
+    objects = [found for one in facts for found in one["objects"].values()]
+    known = [row for found in objects for row in found if row["add_s_m"] is not None]
+    errors = np.array([row["add_s_m"] for row in known])
+    news = [event["news"] for one in facts for event in one["events"]]
+    return {
+        "objects": len(objects),
+        "recognised": sum(any(row["add_s_m"] is not None for row in found) for found in objects),
+        "found_twice": sum(len(found) > 1 for found in objects),
+        "not_objects": sum(len(one["not_objects"]) for one in facts),
+        "ambiguous": sum(row["explanations"] > 1 for row in known),
+        "add_s_mm_median_p95_max": (1e3 * np.percentile(errors, [50, 95, 100])).tolist(),
+        "within_5_mm": float(np.mean(errors < 0.005)),
+        "candidates_least_median": [
+            float(f([sum(row["candidates"] for row in found) for found in objects]))
+            for f in (np.min, np.median)
+        ],
+        "first_look_s": float(np.median([one["first_look_s"] for one in facts])),
+        "look_p50_s": float(np.median([one["look_p50_s"] for one in facts])),
+        "looks": sum(one["looks"] for one in facts),
+        "events": {name: news.count(name) for name in sorted(set(news))},
+    }
+
+
+def against(report, path):
+    """The loss in lifts against another report: of all objects, per strategy."""
+    other = json.loads(path.read_text())["lifted_share"]
+    return {s: other[s] - share for s, share in report["lifted_share"].items()}
 
 
 def interval(differences, rng, resamples=10_000):
@@ -70,8 +109,13 @@ def main():
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--runs", type=Path, default=Path("demo-output/scenes"))
     parser.add_argument("--output", type=Path)
+    parser.add_argument("--perception", action="store_true", help="grasps from a simulated camera alone")
+    parser.add_argument("--against", type=Path, metavar="REPORT", help="of known poses, to name the loss")
     options = parser.parse_args()
-    jobs = [(options.robot, tuple(options.objects), seed, options.runs) for seed in range(options.seeds)]
+    jobs = [
+        (options.robot, tuple(options.objects), seed, options.runs, options.perception)
+        for seed in range(options.seeds)
+    ]
     summaries = []
     with ProcessPoolExecutor(options.workers) as pool:
         for summary in pool.map(one_scene, jobs):
@@ -97,8 +141,13 @@ def main():
         "ticks": sum(summary["ticks"] for summary in summaries),
         "tick_p50_us": float(np.median([summary["tick_p50_us"] for summary in summaries])),
         "tick_p99_us": float(np.median([summary["tick_p99_us"] for summary in summaries])),
+        "cpu_s_per_seed": float(np.median([summary["cpu_s"] for summary in summaries])),
         "paired": paired(summaries),
     }
+    if options.perception:
+        report["perception"] = seen(summaries)
+    if options.against:
+        report["lifted_share_lost"] = against(report, options.against)
     print(json.dumps(report, indent=2))
     if options.output:
         options.output.parent.mkdir(parents=True, exist_ok=True)

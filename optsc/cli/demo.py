@@ -32,6 +32,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--library", type=Path, metavar="DIR", help="where grasps are kept (default: the user's cache)"
     )
+    parser.add_argument(
+        "--perception",
+        action="store_true",
+        help="grasps from a simulated depth camera alone, instead of from known objects",
+    )
     window = parser.add_mutually_exclusive_group()
     window.add_argument("--headless", action="store_true", help="no window (the default)")
     window.add_argument("--gui", action="store_true", help="show PyBullet's window; needs a display")
@@ -59,11 +64,14 @@ def run(options: argparse.Namespace) -> int:
         library=options.library,
         gui=options.gui,
         say=lambda text: print(text, flush=True),
+        perception=options.perception,
     )
     facts = save(demo, options.output)
     print(f"\nfrom the switch to the grasp:\n{table(demo)}\n")
     kinds = ", ".join(f"{kind} {count}" for kind, count in facts["limit_violations"].items())
     print(f"{facts['ticks']} ticks, median {facts['tick_p50_us']:.0f} us, p99 {facts['tick_p99_us']:.0f} us")
     print(f"limit violations: {kinds}; interventions: {facts['interventions']}")
+    if options.perception:
+        print(f"what the camera saw: {options.output / 'seen.png'}")
     print(f"picture: {options.output / 'approach.png'}\nnumbers: {options.output / 'summary.json'}")
     return 0

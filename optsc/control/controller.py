@@ -23,6 +23,7 @@ from optsc.control.approach import Approach
 from optsc.control.arbitration import Alternating, Arbitration, Trigger
 from optsc.control.assisted import Assisted
 from optsc.control.choosing import Choosing
+from optsc.control.displaced import ON_THE_WAY, displaced
 from optsc.control.fine_tuning import FineTuning, Scene, Shift, Tuner, hand_nudge
 from optsc.control.listening import Heard, Listener
 from optsc.control.modes import TRANSITIONS, Event, Mode, next_mode
@@ -146,6 +147,7 @@ class SharedController:
         self._confirmed = self._stepped_in = False
         self._tried = -np.inf
         self._opening = self._open
+        self._doubt = ""
 
     @property
     def time(self) -> float:
@@ -171,8 +173,11 @@ class SharedController:
         """Take in the candidate grasps of the scene as it is now: solves and scores them all, which takes a while.
 
         ``clear`` tells which of them the arm can carry out without touching what it should not, see
-        `optsc.selection.GraspClearance`. Vetoes and beliefs begin anew.
+        `optsc.selection.GraspClearance`. Vetoes and beliefs begin anew. If the object that the robot is on its way to
+        has moved or is gone, the next tick is a fault.
         """
+        if self._target is not None and self.mode in ON_THE_WAY:
+            self._doubt = displaced(self._target, self._choosing.candidates, candidates)
         self._choosing.observe(candidates, self.servo.guard.q.copy(), clear)
 
     def recentre(self) -> None:
@@ -326,7 +331,8 @@ class SharedController:
         # While holding it is known already, and must not keep the operator from leading the arm away.
         if lag > LARGEST_LAG and self.mode is not Mode.HOLD:
             return f"the arm is {lag:.2f} rad off its command"
-        return ""
+        doubt, self._doubt = self._doubt, ""
+        return doubt
 
     def _lag(self, measured: FollowerState) -> float:
         return float(np.abs(measured.q - self.servo.guard.q).max())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,10 @@ from optsc.robot import Gripper, RobotModel
 from optsc.robot.cache import cache_directory
 from optsc.sim import Tabletop, tabletop
 from optsc.study.episode import STRATEGIES, Episode, Setting, Strategy, run_episode
+from optsc.study.seen import seen_facts
+from optsc.study.sight import Sight
 from optsc.viewers.figure import MANIPULABILITY_ONLY, PROPOSED, Curve, Situation, approach_figure, save_figure
+from optsc.viewers.figure_seen import seen_figure
 
 TAKE_OVER_AFTER = 0.8
 """How long after the trigger the operator of the demonstration steps in, once [s]: in the middle of the approach."""
@@ -34,11 +38,12 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Demo:
-    """Everything that the demonstration saw: the scene, and an episode per strategy and object."""
+    """Everything that the demonstration saw: the scene, an episode per strategy and object, and the camera if any."""
 
     setting: Setting
     episodes: Mapping[tuple[str, str], Episode]
     intervened: str
+    sight: Sight | None = None
 
     @property
     def object_names(self) -> tuple[str, ...]:
@@ -91,25 +96,36 @@ def run_demo(
     gui: bool = False,
     say: Say = print,
     on_tick: Callable[[Tick], None] | None = None,
+    perception: bool = False,
 ) -> Demo:
     """Run the scene of ``seed`` under both strategies and return what happened.
+
+    With ``perception`` the grasps come from a simulated depth camera alone, and nothing that is known of the scene
+    reaches the controller.
 
     Raises:
         UnknownName: no such object.
         InvalidValue: the objects do not fit on the table, or an impossible rate.
     """
     world = tabletop(robot, objects=tuple(objects), seed=seed)
-    setting = Setting(world, load_or_build(world, library, say), seed, rate)
     wishes = plans(objects)
     episodes: dict[tuple[str, str], Episode] = {}
-    with PyBulletFollower(world, gui=gui) as follower:
+    with ExitStack() as stack:
+        sight = stack.enter_context(Sight(world, seed=seed)) if perception else None
+        if sight is None:
+            setting = Setting(world, load_or_build(world, library, say), seed, rate)
+        else:
+            setting = Setting(world, sight.first.library, seed, rate)
+            for event in sight.events:
+                say(f"  {event.name}: {event.words}")
+        follower = stack.enter_context(PyBulletFollower(world, gui=gui))
         for strategy in STRATEGIES:
             for name, plan in wishes.items():
-                episode = run_episode(setting, strategy, plan, follower, on_tick)
+                episode = run_episode(setting, strategy, plan, follower, on_tick, sight)
                 episodes[strategy.name, name] = episode
                 say(f"  {strategy.label}: {name} {'lifted' if episode.lifted else 'not lifted'}")
     intervened = next((name for name, plan in wishes.items() if len(plan) > 1), "")
-    return Demo(setting, episodes, intervened)
+    return Demo(setting, episodes, intervened, sight)
 
 
 def summary(demo: Demo) -> dict[str, Any]:
@@ -124,6 +140,7 @@ def summary(demo: Demo) -> dict[str, Any]:
             violations[kind] += getattr(found, kind)
     elapsed = np.concatenate([[tick.elapsed for tick in run] for run in runs]) * 1e6
     commands = hashlib.sha256(b"".join(run.commands.tobytes() for run in runs)).hexdigest()
+    seen = _seen(demo)
     return {
         "robot": demo.setting.world.robot.name,
         "seed": demo.setting.seed,
@@ -131,7 +148,7 @@ def summary(demo: Demo) -> dict[str, Any]:
         "manipulability": str(demo.setting.manipulability),
         "objects": {
             name: {
-                "candidates": len(demo.setting.library[name].opening),
+                "candidates": _candidates(demo, name, seen),
                 **{strategy.name: demo.episodes[strategy.name, name].measures() for strategy in STRATEGIES},
             }
             for name in demo.object_names
@@ -142,7 +159,21 @@ def summary(demo: Demo) -> dict[str, Any]:
         "tick_p50_us": float(np.median(elapsed)),
         "tick_p99_us": float(np.percentile(elapsed, 99)),
         "commands_sha256": commands,
+        **({} if seen is None else {"perception": seen}),
     }
+
+
+def _seen(demo: Demo) -> dict[str, Any] | None:
+    if demo.sight is None:
+        return None
+    return seen_facts(demo.sight, [e.looks for e in demo.episodes.values() if e.looks is not None])
+
+
+def _candidates(demo: Demo, name: str, seen: Mapping[str, Any] | None) -> int:
+    """Return how many grasps of an object there were, whatever the camera's images made of it."""
+    if seen is not None:
+        return sum(found["candidates"] for found in seen["objects"][name])
+    return len(demo.setting.library[name]) if name in demo.setting.library else 0
 
 
 def _interventions(episode: Episode) -> int:
@@ -214,11 +245,16 @@ def _curve(episode: Episode, strategy: Strategy, colour: str) -> Curve:
 
 
 def save(demo: Demo, directory: Path) -> dict[str, Any]:
-    """Write ``summary.json``, ``approach.png`` and every run below ``directory``; return the summary."""
+    """Write what was measured, the pictures and every run below ``directory``; return the summary.
+
+    That is ``summary.json``, ``approach.png``, ``seen.png`` where a camera looked, and ``runs``.
+    """
     directory.mkdir(parents=True, exist_ok=True)
     facts = summary(demo)
     (directory / "summary.json").write_text(json.dumps(facts, indent=2) + "\n")
     save_figure(figure(demo), directory / "approach.png")
+    if demo.sight is not None:
+        save_figure(seen_figure(demo.sight.first, demo.sight.view.image), directory / "seen.png")
     runs = directory / "runs"
     runs.mkdir(exist_ok=True)
     for (strategy, name), episode in demo.episodes.items():

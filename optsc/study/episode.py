@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -25,12 +25,14 @@ from optsc.metrics import (
 )
 from optsc.operators import ClutchSettings, Reach, Simulated
 from optsc.operators.simulated import R_WS_DEFAULT
-from optsc.records import Run, Tick
+from optsc.records import Run, SceneUpdate, Tick
 from optsc.robot.collision import CollisionModel
 from optsc.robot.manipulability import Manipulability
 from optsc.selection import Cascade, GraspClearance, Rule
 from optsc.session import run
 from optsc.sim import Tabletop
+from optsc.study.seen import true_names
+from optsc.study.sight import LOOK_PERIOD, Looks, Sight
 
 LIFT_HEIGHT = 0.10
 """An object counts as lifted when it was at least this much above its place [m] ..."""
@@ -87,6 +89,8 @@ class Episode:
         switch: index of the tick at which the last automatic motion began; None where there was none.
         arrival: index of the tick at which the jaws began to close; None where they did not.
         lifted: whether the object was lifted high and long enough.
+        looks: at the scene on the way, where a camera watched it.
+        true_names: of the objects as the camera's images name them, where one did.
     """
 
     object_name: str
@@ -96,12 +100,14 @@ class Episode:
     switch: int | None
     arrival: int | None
     lifted: bool
+    looks: Looks | None = None
+    true_names: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def target_name(self) -> str | None:
         """The object that was approached last."""
         target = None if self.switch is None else self.run[self.switch].step.target
-        return None if target is None else target.object_name
+        return None if target is None else self.true_names.get(target.object_name, target.object_name)
 
     def measures(self) -> dict[str, Any]:
         """Return the measures of the automatic motion from the switch to the grasp; None where it did not arrive.
@@ -154,26 +160,37 @@ def run_episode(
     plan: Sequence[Reach],
     follower: Follower,
     on_tick: Callable[[Tick], None] | None = None,
+    sight: Sight | None = None,
 ) -> Episode:
     """Let a simulated operator carry out ``plan`` and return what became of it.
 
     The last object of the plan is the one that counts. Operators of the same seed move alike under every strategy
-    until the robot takes over.
+    until the robot takes over. With ``sight`` the grasps are those that the camera's images gave, and the scene is
+    watched on the way; without it they are those of the setting's library, where the objects truly are.
     """
     world = setting.world
+    scene = (
+        SceneUpdate(setting.library.place(world.X_WO), clearance(world))
+        if sight is None
+        else sight.update(sight.first)
+    )
     controller = build_controller(setting, strategy)
+    looks = None if sight is None else sight.watch(follower)
     ticks = run(
         controller,
         operator=Simulated(seed=setting.seed, plan=tuple(plan), R_WS=R_WS_DEFAULT),
         follower=follower,
-        candidates=setting.library.place(world.X_WO),
-        clear=clearance(world),
+        candidates=scene.candidates,
+        clear=scene.clear,
+        watch=looks,
+        watch_period=LOOK_PERIOD,
         rate=setting.rate,
         duration=LONGEST,
         about={"strategy": strategy.name, "object": plan[-1].object, "seed": setting.seed},
         on_tick=on_tick,
     )
-    return _judged(setting, strategy, plan[-1].object, ticks)
+    episode = _judged(setting, strategy, plan[-1].object, ticks)
+    return episode if sight is None else replace(episode, looks=looks, true_names=true_names(sight))
 
 
 def _judged(setting: Setting, strategy: Strategy, name: str, ticks: Run) -> Episode:

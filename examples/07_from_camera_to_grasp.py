@@ -1,0 +1,47 @@
+"""A scene that nobody told the controller about: a depth image in, grasps out; then somebody moves the can."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import optsc
+from optsc.geometry import Pose
+from optsc.perception import SceneMemory, SceneObserver, catalogue_templates
+from optsc.sim.camera import DepthCamera
+from optsc.viewers.figure import save_figure
+from optsc.viewers.figure_seen import seen_figure
+
+robot = optsc.load_robot("panda")
+world = optsc.sim.tabletop(robot, objects=("mug", "can", "box"), seed=1)
+observer = SceneObserver(robot, catalogue_templates(("mug", "can", "box")))
+rng = np.random.default_rng(0)
+
+
+def tell(events):
+    for event in events:
+        print(f"  {event.name}: {event.news.value} ({event.words})")
+
+
+with DepthCamera(world) as camera:
+    # All that the observer gets: a depth image, and the arm's measured posture.
+    first = camera.look(robot.home, rng=rng).image
+    memory, events = observer.look(SceneMemory(), first, robot.home)
+    print("the first look:")
+    tell(events)
+
+    moved = {"can": Pose.from_translation([-0.04, 0.03, 0.0]) @ world.X_WO["can"]}
+    image = camera.look(robot.home, X_WO=moved, rng=rng, stamp=0.5).image
+    after, events = observer.look(memory, image, robot.home)
+    print("after the can was moved:")
+    tell(events)
+    print(f"  its grasps are the very same set: {after.library['can'] is memory.library['can']}")
+
+# What a controller is told is candidates, as from any other source of grasps.
+selector = optsc.GraspSelector(robot)
+ranking = selector.rank(robot.forward(robot.home), robot.home, after.place())
+print(f"the best of {len(after.place())} grasps is one of the {ranking.best}")
+
+path = Path(sys.argv[1] if len(sys.argv) > 1 else "seen.png")
+save_figure(seen_figure(memory, first), path)
+print(f"picture: {path}")

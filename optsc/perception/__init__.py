@@ -1,0 +1,63 @@
+"""What a depth camera sees: objects apart from table and arm, whether the arm hides them, and what they are."""
+
+from optsc.perception.accuracy import add_s, surface_distance, surface_tail
+from optsc.perception.completion import completed
+from optsc.perception.memory import Explanation, KnownObject, News, SceneEvent, SceneMemory
+from optsc.perception.observer import ObserverSettings, SceneObserver
+from optsc.perception.occlusion import Occlusion, robot_depth, robot_mask, view_is_clear
+from optsc.perception.presence import Presence
+from optsc.perception.recorded import load_depth_image, save_depth_image
+from optsc.perception.registration import Alternative, Registration, RegistrationSettings, register
+from optsc.perception.scene import Recognised, register_scene
+from optsc.perception.search import SearchSettings
+from optsc.perception.segmentation import Dropped, Segmentation, SegmentationSettings, segment, segmented
+from optsc.perception.segments import Segment, joined_segments, segment_from_pixels, split_at_creases
+from optsc.perception.templates import (
+    Template,
+    catalogue_template,
+    catalogue_templates,
+    template_from_file,
+    template_from_mesh,
+)
+
+__all__ = [
+    "Alternative",
+    "Dropped",
+    "Explanation",
+    "KnownObject",
+    "News",
+    "ObserverSettings",
+    "Occlusion",
+    "Presence",
+    "Recognised",
+    "Registration",
+    "RegistrationSettings",
+    "SceneEvent",
+    "SceneMemory",
+    "SceneObserver",
+    "SearchSettings",
+    "Segment",
+    "Segmentation",
+    "SegmentationSettings",
+    "Template",
+    "add_s",
+    "catalogue_template",
+    "catalogue_templates",
+    "completed",
+    "joined_segments",
+    "load_depth_image",
+    "register",
+    "register_scene",
+    "robot_depth",
+    "robot_mask",
+    "save_depth_image",
+    "segment",
+    "segment_from_pixels",
+    "segmented",
+    "split_at_creases",
+    "surface_distance",
+    "surface_tail",
+    "template_from_file",
+    "template_from_mesh",
+    "view_is_clear",
+]

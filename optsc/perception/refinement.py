@@ -1,0 +1,109 @@
+"""The last millimetre: ICP of a few good guesses, in all six directions, by small_gicp or on the distance field."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from optsc.geometry.rotation import Array
+from optsc.perception.alignment import FREE, aligned, normal_equations
+from optsc.perception.guesses import Guesses
+from optsc.perception.templates import Template
+
+if TYPE_CHECKING:
+    from small_gicp import KdTree, PointCloud
+
+Method = Literal["gicp", "plane", "field"]
+METHODS: tuple[Method, ...] = ("field", "gicp", "plane")
+
+_NEIGHBOURS = 10
+_FIELD_REACHES = (1.0, 1.0, 0.8, 0.8, 0.6, 0.6)
+
+
+def refined(
+    guesses: Guesses, points: Array, template: Template, method: Method, reach: float, iterations: int = 20
+) -> Guesses:
+    """Return the guesses after ICP.
+
+    Args:
+        guesses: X_WO to start from.
+        points: measured (M, 3) [m], in W.
+        template: the shape.
+        method: ``gicp``: plane to plane (A. Segal, D. Haehnel, S. Thrun, Generalized-ICP, 2009); ``plane``: point to
+            plane, both of small_gicp against the template's points; ``field``: point to exact surface, on the
+            distance field.
+        reach: pairs farther apart do not count [m].
+        iterations: at most, of small_gicp.
+    """
+    if method == "field":
+        return aligned(
+            guesses, points, template.field, tuple(reach * r for r in _FIELD_REACHES), freedom=FREE
+        )
+    import small_gicp
+
+    target, tree = _target(template)
+    source = small_gicp.PointCloud(points)
+    small_gicp.estimate_covariances(source, num_neighbors=_NEIGHBOURS, num_threads=1)
+    R, t = np.array(guesses.R), np.array(guesses.t)
+    for i in range(len(guesses)):
+        start = np.eye(4)
+        start[:3, :3], start[:3, 3] = R[i].T, -R[i].T @ t[i]
+        result = small_gicp.align(
+            target,
+            source,
+            tree,
+            start,
+            registration_type="GICP" if method == "gicp" else "PLANE_ICP",
+            max_correspondence_distance=reach,
+            num_threads=1,
+            max_iterations=iterations,
+            rotation_epsilon=1e-4,
+            translation_epsilon=1e-5,
+        )
+        T = result.T_target_source
+        if np.all(np.isfinite(T)):
+            R[i], t[i] = T[:3, :3].T, -T[:3, :3].T @ T[:3, 3]
+    return Guesses(R, t)
+
+
+def covariance(
+    guess: Guesses, points: Array, template: Template, tolerance: float, noise: float, footprint: float
+) -> Array:
+    """Return the covariance (6, 6) of one guess: shift of O's origin [m], then turn [rad], both along the axes of W.
+
+    With H the Hessian of half the sum of squared distances, each counted by the variance s^2 of a distance:
+    (H / s^2 + P)^-1, where P stands for what is known without looking: that the position is good to `footprint` and
+    that a turn is not further off than half a turn. So what the view does not settle has a large variance instead of
+    none; what a template's continuous symmetry leaves open, such as the turn of a can, is taken out of H.
+
+    Args:
+        guess: X_WO, one.
+        points: measured (M, 3) [m], in W, independent of each other.
+        template: the shape.
+        tolerance: distances up to this count [m].
+        noise: least standard deviation of a distance [m].
+        footprint: standard deviation of the position without the fit [m].
+    """
+    H, _ = normal_equations(guess, points, template.field, tolerance, guess.t[0])
+    if template.round:
+        # The facets of a round thing and the noise of its gradients must not pass for knowledge of its turn.
+        axis = np.concatenate([np.zeros(3), guess.R[0, :, 2]])
+        blind = np.eye(6) - np.outer(axis, axis)
+        H = blind @ H @ blind
+    d, _ = template.field.lookup(guess.to_object(points))
+    near = np.abs(d[0]) <= tolerance
+    s = max(noise, float(np.sqrt(np.mean(d[0][near] ** 2)))) if near.any() else tolerance
+    prior = np.diag([footprint**-2.0] * 3 + [np.pi**-2.0] * 3)
+    C = np.linalg.inv(H[0] / s**2 + prior)
+    return 0.5 * (C + C.T)
+
+
+@lru_cache(maxsize=64)
+def _target(template: Template) -> tuple[PointCloud, KdTree]:
+    import small_gicp
+
+    cloud = small_gicp.PointCloud(np.array(template.points))
+    small_gicp.estimate_normals_covariances(cloud, num_neighbors=_NEIGHBOURS, num_threads=1)
+    return cloud, small_gicp.KdTree(cloud)

@@ -1,0 +1,244 @@
+"""Which template, and where: from the points of one segment to a pose, an ambiguity or a refusal with its reason."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from optsc.errors import InvalidValue
+from optsc.geometry import DepthImage, Pose
+from optsc.geometry.rotation import Array
+from optsc.perception.freespace import free_space
+from optsc.perception.guesses import Guesses
+from optsc.perception.refinement import covariance
+from optsc.perception.scoring import shape_distance
+from optsc.perception.search import (
+    Candidates,
+    SearchSettings,
+    View,
+    averaged,
+    free_candidates,
+    resting_candidates,
+)
+from optsc.perception.segmentation import Segment
+from optsc.perception.templates import Template
+from optsc.perception.visibility import visible_fraction
+
+
+@dataclass(frozen=True)
+class RegistrationSettings:
+    """When a pose is accepted, and when it is called ambiguous.
+
+    Attributes:
+        search: how poses are looked for.
+        least_points: a segment with fewer averaged points is refused (see `SearchSettings.voxel`).
+        least_inliers: share of the seen points that have to be on the template [-].
+        largest_residual: of those, the root mean square distance [m].
+        largest_violations: share of the template's visible points that may be seen through [-].
+        margin: another shape in the view whose score is worse by less than this is an alternative [-];
+        margin_of_few: to which this is added, divided by the root of the number of averaged points [-].
+        through: a point is seen through if what was measured is farther away by this [m].
+        noise: least standard deviation of an averaged point, for the covariance [m].
+    """
+
+    search: SearchSettings = field(default_factory=SearchSettings)
+    least_points: int = 15
+    least_inliers: float = 0.85
+    largest_residual: float = 0.002
+    largest_violations: float = 0.06
+    margin: float = 0.02
+    margin_of_few: float = 0.25
+    through: float = 0.008
+    noise: float = 0.0005
+
+    def __post_init__(self) -> None:
+        for name in ("least_inliers", "largest_violations"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InvalidValue(f"RegistrationSettings.{name}", getattr(self, name), "0 to 1")
+        for name in ("largest_residual", "through", "noise"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise InvalidValue(
+                    f"RegistrationSettings.{name}", getattr(self, name), "finite, more than 0 m"
+                )
+        for name in ("margin", "margin_of_few"):
+            if not 0.0 <= getattr(self, name) < float("inf"):
+                raise InvalidValue(f"RegistrationSettings.{name}", getattr(self, name), "finite, at least 0")
+        if self.least_points < 6:
+            raise InvalidValue("RegistrationSettings.least_points", self.least_points, "at least 6")
+
+
+class Alternative(NamedTuple):
+    """Another explanation of the same view that fits about as well."""
+
+    template: str
+    X_WO: Pose
+    score: float
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """What a segment was taken for.
+
+    Attributes:
+        template: name of the best template; None if there is none at all.
+        X_WO: its pose; also given with a refusal, as the best that was found, but then not to be used.
+        residual: root mean square distance of the inliers from the template [m].
+        inliers: share of the seen points on the template [-].
+        violations: share of the template's visible points that the camera saw through [-].
+        visible_fraction: of the template's surface that the camera would see were nothing else there, the share that
+            it saw [-].
+        covariance: (6, 6) of shift [m] and turn [rad] along the axes of W, see `refinement.covariance`.
+        score: see `Fit`.
+        ambiguous: whether the view fits `alternatives` about as well; the pose is then only one of them.
+        alternatives: the other ones, best first.
+        refusal: why there is nothing to be used, in words; empty if there is.
+    """
+
+    template: str | None
+    X_WO: Pose | None
+    residual: float
+    inliers: float
+    violations: float
+    visible_fraction: float
+    covariance: Array | None
+    score: float
+    ambiguous: bool
+    alternatives: tuple[Alternative, ...]
+    refusal: str
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the template is known and its pose is, too: neither refused nor ambiguous."""
+        return not self.refusal and not self.ambiguous
+
+    @classmethod
+    def refused(cls, reason: str) -> Registration:
+        """Return a refusal without any pose."""
+        return cls(None, None, float("nan"), 0.0, 0.0, 0.0, None, -np.inf, False, (), reason)
+
+
+def register(
+    segment: Segment,
+    templates: Sequence[Template],
+    image: DepthImage,
+    *,
+    robot_depth: Array | None = None,
+    table_height: float = 0.0,
+    settings: RegistrationSettings | None = None,
+    seed: int = 0,
+) -> Registration:
+    """Return what ``segment`` is and where.
+
+    Args:
+        segment: of one object, from ``image``.
+        templates: what it may be, each name once.
+        image: what was measured, also around the segment: where the camera saw through, nothing can be.
+        robot_depth: depth of the arm's own surface (H, W) [m], infinite where it is not; it hides what is behind it.
+        table_height: of the table in W [m].
+        settings: when a pose is accepted.
+        seed: same arguments and seed, same result.
+
+    Raises:
+        InvalidValue: no templates, two of one name, or sizes that do not belong together.
+    """
+    settings = settings or RegistrationSettings()
+    names = [template.name for template in templates]
+    if not names or len(set(names)) < len(names):
+        raise InvalidValue("templates", names, "at least one, each name once")
+    rng = np.random.default_rng(seed)
+    few = _too_few(segment.cloud.points, settings)
+    if few:
+        return Registration.refused(few)
+    points = averaged(segment.cloud.points, settings.search, rng)
+    if len(points) < settings.least_points:
+        return Registration.refused(
+            f"too few points: {len(points)} cubes of {1e3 * settings.search.voxel:.0f} mm were seen, "
+            f"{settings.least_points} are needed"
+        )
+    space = free_space(image, robot_depth, tolerance=settings.through)
+    view = View(points, space, image.X_WC.translation, table_height)
+    extra = (
+        _feature_starts(templates, segment.cloud.points, settings, seed) if settings.search.features else None
+    )
+    found = resting_candidates(templates, view, settings.search, extra)
+    if not any(_refusal(c, settings) == "" for c in found):
+        found += free_candidates(templates, view, settings.search, rng, found)
+    return _decided(found, view, settings)
+
+
+def _too_few(points: Array, settings: RegistrationSettings) -> str:
+    if len(points) < settings.least_points:
+        return f"too few points: {len(points)} were seen, {settings.least_points} are needed"
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return "" if size < 5.0 else f"the points spread over {size:.1f} m, which is no object on a table"
+
+
+def _feature_starts(
+    templates: Sequence[Template], points: Array, settings: RegistrationSettings, seed: int
+) -> dict[str, Guesses]:
+    from optsc.perception.features import feature_starts
+
+    return {t.name: feature_starts(t, points, settings.search.voxel, seed) for t in templates}
+
+
+def _refusal(candidates: Candidates, settings: RegistrationSettings, index: int = 0) -> str:
+    """Return why a candidate cannot be accepted; empty if it can."""
+    f = candidates.fit[index]
+    if f.inliers < settings.least_inliers:
+        least = 100 * settings.least_inliers
+        return f"only {100 * f.inliers:.0f} % of the seen points are on it ({least:.0f} % needed)"
+    if f.violations > settings.largest_violations:
+        most, through = 100 * settings.largest_violations, 100 * f.violations
+        return (
+            f"the camera saw through {through:.0f} % of what should be visible of it (at most {most:.0f} %)"
+        )
+    if f.residual > settings.largest_residual:
+        return f"residual {1e3 * f.residual:.1f} mm (at most {1e3 * settings.largest_residual:.1f} mm)"
+    return ""
+
+
+def _decided(found: Sequence[Candidates], view: View, settings: RegistrationSettings) -> Registration:
+    """Return the best candidate with its alternatives, or why it is refused."""
+    if not found:
+        return Registration.refused("no template is as tall as what was seen")
+    every = [(c, i) for c in found for i in range(len(c.guesses))]
+    every.sort(key=lambda entry: -entry[0].fit.score[entry[1]])
+    (best, index), search = every[0], settings.search
+    guess, f = best.guesses[[index]], best.fit[index]
+    reason = _refusal(best, settings, index)
+    if reason:
+        reason = f"no template fits; the best, {best.template.name}: {reason}"
+    margin = settings.margin + settings.margin_of_few / np.sqrt(len(view.points))
+    alternatives: list[tuple[Candidates, int]] = []
+    for other, i in every[1:]:
+        if other.fit.score[i] < f.score - margin:
+            break
+        known = [(best, index), *alternatives]
+        if all(_differ(other, i, c, k, search.distinct) for c, k in known):
+            alternatives.append((other, i))
+    noise = settings.noise
+    C = covariance(guess, view.points, best.template, search.tolerance, noise, best.template.diameter)
+    return Registration(
+        best.template.name,
+        guess.pose(0),
+        float(f.residual),
+        float(f.inliers),
+        float(f.violations),
+        visible_fraction(best.template, guess, view.space),
+        C,
+        float(f.score),
+        bool(alternatives) and not reason,
+        tuple(
+            Alternative(c.template.name, c.guesses.pose(i), float(c.fit.score[i])) for c, i in alternatives
+        ),
+        reason,
+    )
+
+
+def _differ(a: Candidates, i: int, b: Candidates, k: int, distinct: float) -> bool:
+    if a.template.name != b.template.name:
+        return True
+    return bool(shape_distance(a.guesses[[i]], b.guesses[[k]], a.template)[0] > distinct)

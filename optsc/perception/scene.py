@@ -1,0 +1,164 @@
+"""All segments of one image: what does not fit as it is, is cut or put together until it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from optsc.geometry import DepthImage, Pose
+from optsc.geometry.rotation import Array
+from optsc.perception.registration import Registration, RegistrationSettings, register
+from optsc.perception.segments import Segment, joined_segments, segment_from_pixels, split_at_creases
+from optsc.perception.templates import Template
+
+BELONGS = 0.9
+"""A segment belongs to an object if this share of its points lies on it."""
+WORTH_CUTTING = 0.15
+"""A refused segment is cut along the template's edge if both sides are at least this share of it."""
+
+
+class Recognised(NamedTuple):
+    """An object that was found, or something that was not."""
+
+    segment: Segment
+    """All pieces of it together."""
+    registration: Registration
+    pieces: tuple[int, ...]
+    """Which segments these were; numbers past those given are parts that were cut from refused ones."""
+
+
+def register_scene(
+    segments: Sequence[Segment],
+    templates: Sequence[Template],
+    image: DepthImage,
+    *,
+    robot_depth: Array | None = None,
+    table_height: float = 0.0,
+    settings: RegistrationSettings | None = None,
+    seed: int = 0,
+) -> tuple[Recognised, ...]:
+    """Return what the segments are, one entry per object, in the order of each object's largest piece.
+
+    Segments are registered from the largest to the smallest. One that is refused may be two things that touch: it is
+    cut at its creases, or along the edge of the template that explains part of it, if a part is then not refused.
+    Segments that lie on a pose may be pieces of one thing that something in front parts: they are joined if the joint
+    points fit about as well as the one piece alone.
+
+    Args:
+        segments: of ``image``.
+        templates, robot_depth, table_height, settings, seed: as `register` takes them.
+        image: what was measured.
+
+    Raises:
+        InvalidValue: as `register`.
+    """
+    scene = _Scene(templates, image, robot_depth, table_height, settings or RegistrationSettings(), seed)
+    pieces = scene.cut(segments)
+    pieces.sort(key=lambda one: (-len(one.segment.cloud), one.pieces))
+    order = [one.pieces[0] for one in pieces]
+    found: list[Recognised] = []
+    for one in pieces:
+        if any(one.pieces[0] in other.pieces for other in found):
+            continue
+        taken = {i for other in found for i in other.pieces}
+        others = [other for other in pieces if other is not one and other.pieces[0] not in taken] + found
+        whole = scene.joined(one, others)
+        found = [other for other in found if not set(other.pieces) & set(whole.pieces)] + [whole]
+    return tuple(sorted(found, key=lambda other: min(map(order.index, other.pieces))))
+
+
+class _Scene(NamedTuple):
+    """What all segments of one image are registered with."""
+
+    templates: Sequence[Template]
+    image: DepthImage
+    robot_depth: Array | None
+    table_height: float
+    settings: RegistrationSettings
+    seed: int
+
+    def registered(self, segment: Segment) -> Registration:
+        """Return what a segment is."""
+        return register(
+            segment,
+            self.templates,
+            self.image,
+            robot_depth=self.robot_depth,
+            table_height=self.table_height,
+            settings=self.settings,
+            seed=self.seed,
+        )
+
+    def template(self, name: str) -> Template:
+        """Return the template of that name."""
+        return next(template for template in self.templates if template.name == name)
+
+    def cut(self, segments: Sequence[Segment]) -> list[Recognised]:
+        """Return every segment, or the parts of a refused one of which more can be explained."""
+        found: list[Recognised] = []
+        number = len(segments)
+        for index, segment in enumerate(segments):
+            one = Recognised(segment, self.registered(segment), (index,))
+            parts: list[tuple[Segment, Registration]] = []
+            if one.registration.refusal:
+                parts = self._best_parts(one)
+            if not parts:
+                found.append(one)
+            for part, result in parts:
+                found.append(Recognised(part, result, (number,)))
+                number += 1
+        return found
+
+    def _best_parts(self, one: Recognised) -> list[tuple[Segment, Registration]]:
+        """Return the cut of a refused segment that explains most of its points; nothing if none explains any."""
+        best: list[tuple[Segment, Registration]] = []
+        most = 0
+        for parts in (split_at_creases(self.image, one.segment), self._along_template(one)):
+            results = [(part, self.registered(part)) for part in parts]
+            explained = sum(len(part.cloud) for part, result in results if not result.refusal)
+            if explained > most:
+                best, most = results, explained
+        return best
+
+    def _along_template(self, one: Recognised) -> tuple[Segment, ...]:
+        """Return the part of a refused segment that lies on its best template, and the rest; () if one is small."""
+        result, points = one.registration, one.segment.cloud.points
+        rows, columns = np.nonzero(one.segment.pixels)
+        if result.X_WO is None or result.template is None or len(rows) != len(points):
+            return ()
+        on_it = self._distances(points, result.template, result.X_WO) <= self.settings.search.tolerance
+        parts = []
+        for chosen in (on_it, ~on_it):
+            if chosen.mean() < WORTH_CUTTING:
+                return ()
+            pixels = np.zeros_like(one.segment.pixels)
+            pixels[rows[chosen], columns[chosen]] = True
+            parts.append(segment_from_pixels(self.image, pixels))
+        return tuple(parts)
+
+    def joined(self, one: Recognised, others: Sequence[Recognised]) -> Recognised:
+        """Return ``one`` together with those of ``others`` that lie on its pose, if they fit together."""
+        on_it = [other for other in others if self._lies_on(other.segment.cloud.points, one.registration)]
+        if not on_it:
+            return one
+        every = (one, *on_it)
+        joint = joined_segments(self.image, [other.segment for other in every])
+        result = self.registered(joint)
+        if result.refusal or result.score <= one.registration.score - self.settings.margin:
+            return one
+        return Recognised(joint, result, tuple(i for other in every for i in other.pieces))
+
+    def _lies_on(self, points: Array, result: Registration) -> bool:
+        """Tell whether points (M, 3) in W lie on the registered pose or on one of its alternatives."""
+        poses = [] if result.X_WO is None or result.template is None else [(result.template, result.X_WO)]
+        poses += [(other.template, other.X_WO) for other in result.alternatives]
+        near = 2.0 * self.settings.search.tolerance
+        return len(points) > 0 and any(
+            np.mean(self._distances(points, name, X_WO) <= near) >= BELONGS for name, X_WO in poses
+        )
+
+    def _distances(self, points: Array, name: str, X_WO: Pose) -> Array:
+        """Return how far points (M, 3) in W are from a template's surface [m]."""
+        return np.asarray(np.abs(self.template(name).field.lookup(X_WO.inverse().apply(points))[0]))
