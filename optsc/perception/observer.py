@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 from math import acos, degrees
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,8 +24,9 @@ from optsc.perception.holding import Hand, hand, with_grips
 from optsc.perception.learning import Look, Shape, grasps_of, known_object, shape_of
 from optsc.perception.memory import KnownObject, News, SceneEvent, SceneMemory
 from optsc.perception.occlusion import robot_depth, robot_mask, view_is_clear
+from optsc.perception.overlaps import without_overlaps
 from optsc.perception.presence import Presence, presence, share_shown
-from optsc.perception.registration import Registration, RegistrationSettings
+from optsc.perception.registration import Registration, RegistrationSettings, register
 from optsc.perception.scene import Recognised, register_scene
 from optsc.perception.segmentation import SegmentationSettings, segmented
 from optsc.perception.segments import Segment
@@ -174,14 +176,16 @@ class SceneObserver:
         if not self.templates:
             unknown = Registration.refused("no templates are known")
             return tuple(Recognised(segment, unknown, (i,)) for i, segment in enumerate(segments))
-        return register_scene(
-            segments,
-            tuple(self.templates.values()),
-            look.image,
+        how = dict[str, Any](
             robot_depth=look.robot_depth,
             table_height=look.table_height,
             settings=self.settings.registration,
             seed=self.seed,
+        )
+        templates = tuple(self.templates.values())
+        found = register_scene(segments, templates, look.image, **how)
+        return without_overlaps(
+            found, self.templates, look.image, lambda one: register(one, templates, look.image, **how)
         )
 
     def _take_in(

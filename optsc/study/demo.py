@@ -227,7 +227,8 @@ def figure(demo: Demo) -> Any:
 def _situation(episode: Episode, index: int, title: str) -> Situation:
     ranking = episode.run[index].ranking
     targets = [] if ranking is None else [ranking.target(name) for name in ranking.object_names]
-    grasps = {target.object_name: target.X_WG for target in targets if target is not None}
+    names = episode.true_names
+    grasps = {names.get(t.object_name, t.object_name): t.X_WG for t in targets if t is not None}
     return Situation(title, episode.tool[index], grasps)
 
 

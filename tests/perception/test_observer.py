@@ -13,13 +13,19 @@ from optsc.ik.batch import solve_ik
 from optsc.perception import (
     News,
     ObserverSettings,
+    Recognised,
     SceneMemory,
     SceneObserver,
     add_s,
     catalogue_templates,
+    register,
     robot_depth,
+    robot_mask,
+    segment,
+    segment_from_pixels,
     view_is_clear,
 )
+from optsc.perception.overlaps import without_overlaps
 from optsc.robot import load_robot
 from optsc.sim import Tabletop, object_model
 from optsc.sim.camera import DepthCamera
@@ -255,6 +261,27 @@ def test_without_templates_everything_is_unknown(stage):
     again, events = observer.look(memory, stage.image(), stage.robot.home)
     assert events == ()
     assert again.library is memory.library
+
+
+def test_what_is_seen_in_two_pieces_is_one_thing(stage, templates):
+    image = stage.image()
+    segments = segment(image, robot_mask=robot_mask(stage.robot, stage.robot.home, image))
+    can = max(segments, key=lambda one: one.cloud.points[:, 1].mean())
+    left = can.pixels & (np.arange(320) < np.median(np.nonzero(can.pixels)[1]))
+    pieces = [segment_from_pixels(image, pixels) for pixels in (left, can.pixels & ~left)]
+
+    def register_one(one):
+        return register(one, [templates["can"]], image)
+
+    found = [Recognised(one, register_one(one), (i,)) for i, one in enumerate(pieces)]
+    (whole,) = without_overlaps(found, templates, image, register_one)
+    assert whole.pieces == (0, 1)
+    assert len(whole.segment.cloud) == len(can.cloud)
+    np.testing.assert_array_equal(whole.segment.pixels, can.pixels)
+    assert not whole.registration.refusal
+    box = register(max(segments, key=lambda one: -one.cloud.points[:, 1].mean()), [templates["box"]], image)
+    apart = [found[0], Recognised(pieces[1], box, (1,))]
+    assert without_overlaps(apart, templates, image, register_one) == tuple(apart)
 
 
 def test_same_images_and_seed_give_the_same_memory(stage, first):
