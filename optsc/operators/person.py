@@ -20,6 +20,9 @@ from optsc.operators.sample import OperatorView
 _REST_SPEED, _REST_TURN, _REST_WINDOW = 0.03, radians(15.0), 0.1
 """A tool slower than this over this window looks at rest [m/s], [rad/s], [s]; ours."""
 
+_HELPS = 0.8
+"""A correction that leaves more than this share of the error did not help [-]; ours."""
+
 
 class Intention(Protocol):
     """One thing to do: an object to bring the tool to, and when to take over from the robot again, if at all."""
@@ -82,6 +85,7 @@ class Person:
         self._wrong_since: float | None = None
         self._movement: Movement | None = None
         self._corrections = self._attempts = 0
+        self._last_error = np.inf
         self._triggered = self._trigger_not_before = view.time
         self._robot_began = False
         self._let_go_until = view.time
@@ -158,7 +162,9 @@ class Person:
         distance = float(np.linalg.norm(wanted.translation - X_WT.translation))
         angle = float(rotation.angle(wanted.quaternion, X_WT.quaternion))
         near = distance <= care.position_tolerance and angle <= care.rotation_tolerance
-        spent = self._corrections >= self._human.corrections
+        # Whoever sees that correcting does not help does not go on with it.
+        error = _nearness(wanted, X_WT)
+        spent = self._corrections >= self._human.corrections or error > _HELPS * self._last_error
         if near or (spent and self._attempts >= self._human.attempts):
             self._arrived(time, view, X_WT)
         elif spent:
@@ -166,6 +172,7 @@ class Person:
             self._reach_out(time, view, self._fresh_aim(view))
         else:
             self._corrections += 1
+            self._last_error = error
             self._correct(time, X_WT)
 
     def _goes_along(self, waited: float, view: OperatorView, X_WT: Pose) -> bool:
@@ -197,7 +204,7 @@ class Person:
                 self._enter(Phase.DWELL, time)
                 return
             self._X_OG = self._known[self._target()].inverse() @ X_WG
-        self._corrections = 0
+        self._corrections, self._last_error = 0, np.inf
         self._correct(time, X_WT)
 
     def _correct(self, time: float, X_WT: Pose) -> None:
@@ -255,7 +262,7 @@ class Person:
 
     def _reach_out(self, start: float, view: OperatorView, aim: Aim) -> None:
         """Begin the primary movement: relative in position, absolute in orientation, as the mapping is."""
-        self._aim, self._corrections = aim, 0
+        self._aim, self._corrections, self._last_error = aim, 0, np.inf
         self._X_OG, self._at_pregrasp = None, False
         X_WR = self._wanted_pose()
         R_SH = rotation.multiply(self._R_SW, X_WR.quaternion)
