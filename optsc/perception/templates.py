@@ -18,6 +18,9 @@ from optsc.perception.resting import CONTINUOUS, resting_poses, vertical_symmetr
 LARGEST, SMALLEST = 2.0, 0.005
 """A template's longest edge has to lie between these [m]; beyond them its unit is suspected."""
 
+_UNREADABLE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OSError, ImportError)
+"""What trimesh raises for what is no mesh; the last where it would guess an encoding with a package that is not there."""
+
 _LEAST_VOLUME = 1e-9  # [m^3], a cubic millimetre
 
 
@@ -107,15 +110,7 @@ def template_from_file(
         raise DamagedFile(path, "no such file")
     try:
         loaded = trimesh.load_mesh(path, process=True)
-    except (
-        ValueError,
-        TypeError,
-        KeyError,
-        IndexError,
-        AttributeError,
-        OSError,
-        UnicodeDecodeError,
-    ) as error:
+    except _UNREADABLE as error:
         raise DamagedFile(path, f"not readable as a mesh: {error}") from error
     faces = np.asarray(getattr(loaded, "faces", ()))
     if faces.ndim != 2 or len(faces) == 0 or faces.shape[1] != 3:
