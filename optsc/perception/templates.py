@@ -19,7 +19,7 @@ LARGEST, SMALLEST = 2.0, 0.005
 """A template's longest edge has to lie between these [m]; beyond them its unit is suspected."""
 
 _UNREADABLE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OSError, ImportError)
-"""What trimesh raises for what is no mesh; the last where it would guess an encoding with a package that is not there."""
+"""What trimesh raises for what is no mesh; the last where it would guess an encoding by a package that is not there."""
 
 _LEAST_VOLUME = 1e-9  # [m^3], a cubic millimetre
 
