@@ -14,7 +14,6 @@ from optsc.control.modes import Mode
 from optsc.control.selecting import GraspSelector
 from optsc.followers.protocol import Follower
 from optsc.geometry import Pose
-from optsc.geometry.rotation import Array
 from optsc.grasps import GraspLibrary
 from optsc.metrics import (
     log_dimensionless_jerk,
@@ -31,13 +30,10 @@ from optsc.robot.manipulability import Manipulability
 from optsc.selection import Cascade, GraspClearance, Rule
 from optsc.session import run
 from optsc.sim import Tabletop
+from optsc.study.lifting import is_lifted
 from optsc.study.seen import true_names
 from optsc.study.sight import LOOK_PERIOD, Looks, Sight
 
-LIFT_HEIGHT = 0.10
-"""An object counts as lifted when it was at least this much above its place [m] ..."""
-LIFT_TIME = 1.0
-"""... for at least this long [s]."""
 LONGEST = 60.0
 """An episode that is not finished by then [s] has failed."""
 
@@ -201,11 +197,5 @@ def _judged(setting: Setting, strategy: Strategy, name: str, ticks: Run) -> Epis
         i for i in ticks.switches() if ticks.modes[i] is Mode.CLOSE and switch is not None and i > switch
     ]
     heights = np.array([tick.objects[name].translation[2] if name in tick.objects else 0.0 for tick in ticks])
-    lifted = _longest(heights - heights[0] >= LIFT_HEIGHT) / ticks.rate >= LIFT_TIME
-    return Episode(name, strategy, ticks, tool, switch, arrivals[0] if arrivals else None, bool(lifted))
-
-
-def _longest(flags: Array) -> int:
-    """Return the length of the longest run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    lifted = is_lifted(heights, ticks.rate)
+    return Episode(name, strategy, ticks, tool, switch, arrivals[0] if arrivals else None, lifted)

@@ -12,7 +12,8 @@ from optsc.operators import Reach
 from optsc.robot import load_robot
 from optsc.sim import tabletop
 from optsc.study.demo import Demo, load_or_build, plans, save, table
-from optsc.study.episode import LIFT_HEIGHT, PAPER, STRATEGIES, Setting, run_episode
+from optsc.study.episode import PAPER, STRATEGIES, Setting, run_episode
+from optsc.study.lifting import LIFT_HEIGHT
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from math import hypot, isfinite
 from typing import ClassVar
 
-import numpy as np
-
 from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Moment
-from optsc.control.arbitration.motions import limited, offset, towards
+from optsc.control.arbitration.motions import blended, offset
 from optsc.errors import InvalidValue
 
 
@@ -49,6 +47,4 @@ class Continuous(Arbitration):
             return HAND_ALONE
         shift, _ = offset(moment.p, moment.q, goal.best_p, goal.best_q)
         wanted = self.most * max(0.0, 1.0 - hypot(*shift) / self.reach)
-        alpha = limited(moment.last.share, wanted, self.rate * moment.period)
-        u_r = towards(moment.approach, moment.p, moment.q, goal.best_p, goal.best_q)
-        return Blend((1.0 - alpha) * np.eye(6), alpha * u_r, alpha)
+        return blended(moment, wanted, self.rate, goal.best_p, goal.best_q)

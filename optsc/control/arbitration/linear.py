@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Moment
-from optsc.control.arbitration.motions import limited, ramp, towards
+from optsc.control.arbitration.motions import blended, ramp
 from optsc.errors import InvalidValue
 
 
@@ -48,6 +46,4 @@ class LinearBlending(Arbitration):
         if goal is None:
             return HAND_ALONE
         wanted = self.most * ramp(moment.gap, self.low, self.high)
-        alpha = limited(moment.last.share, wanted, self.rate * moment.period)
-        u_r = towards(moment.approach, moment.p, moment.q, goal.p, goal.q)
-        return Blend((1.0 - alpha) * np.eye(6), alpha * u_r, alpha)
+        return blended(moment, wanted, self.rate, goal.p, goal.q)

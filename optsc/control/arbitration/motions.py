@@ -7,6 +7,7 @@ from math import hypot
 import numpy as np
 
 from optsc.control.approach import Approach
+from optsc.control.arbitration.interface import Blend, Moment
 from optsc.geometry import scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
@@ -41,3 +42,10 @@ def ramp(value: float, low: float, high: float) -> float:
 def limited(last: float, wanted: float, most: float) -> float:
     """Return ``wanted``, but no further from ``last`` than ``most``."""
     return min(max(wanted, last - most), last + most)
+
+
+def blended(moment: Moment, wanted: float, rate: float, goal_p: Vector, goal_q: Quaternion) -> Blend:
+    """Return u = (1 - alpha) u_h + alpha u_r towards a goal; alpha nears ``wanted`` at most at ``rate`` [1/s]."""
+    alpha = limited(moment.last.share, wanted, rate * moment.period)
+    u_r = towards(moment.approach, moment.p, moment.q, goal_p, goal_q)
+    return Blend((1.0 - alpha) * np.eye(6), alpha * u_r, alpha)
