@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import hypot
 
@@ -9,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.control.approach import Approach
-from optsc.control.arbitration.interface import Goal
-from optsc.control.rollout import can_travel
+from optsc.control.arbitration.interface import Goal, GraspPose
+from optsc.control.rollout import can_travel, whole_way
 from optsc.control.servo import Servo
 from optsc.geometry import Pose, rotation, scalar
 from optsc.grasps import Candidates
@@ -46,6 +47,7 @@ class Choosing:
         selector: ranks the grasps.
         approach: how the robot would go to one.
         intent: how a belief over objects follows from the hand; None where the object that is pointed at is meant.
+        aim: which grasp of an object is shown where there is a belief; by default the nearest.
 
     Attributes:
         candidates, clear: the grasps of the scene and their collision check; None before there are any.
@@ -56,9 +58,15 @@ class Choosing:
     """
 
     def __init__(
-        self, robot: RobotModel, selector: GraspSelector, approach: Approach, intent: IntentSettings | None
+        self,
+        robot: RobotModel,
+        selector: GraspSelector,
+        approach: Approach,
+        intent: IntentSettings | None,
+        aim: Callable[[Goal], GraspPose] = lambda goal: goal.nearest,
     ) -> None:
         self.robot, self.selector, self.approach, self.intent = robot, selector, approach, intent
+        self._aim = aim
         self.forget()
 
     def forget(self) -> None:
@@ -114,7 +122,8 @@ class Choosing:
     def shown(self) -> dict[str, Pose]:
         """The grasp to mark for each object: what a policy helps towards, or else the chosen one."""
         if self.goals:
-            return {goal.name: Pose(np.array(goal.q), np.array(goal.p)) for goal in self.goals}
+            aims = {goal.name: self._aim(goal) for goal in self.goals}
+            return {name: Pose(np.array(aim.q), np.array(aim.p)) for name, aim in aims.items()}
         ranking = self.ranking
         targets = {} if ranking is None else {name: ranking.target(name) for name in ranking.object_names}
         return {name: target.X_WG for name, target in targets.items() if target is not None}
@@ -183,7 +192,7 @@ class Choosing:
     def choose(self, servo: Servo, hand: Hand | None, clutch: ClutchSettings) -> str:
         """Rank against the hand as it is now and fix the target; otherwise say why there is none.
 
-        The target is the best grasp that the arm can go to on the straight way it will be sent along.
+        The target is the best grasp that the arm can go to, and lift from, on the straight ways it will be sent along.
         """
         if self.candidates is None:
             return "there are no grasps"
@@ -192,7 +201,9 @@ class Choosing:
         if ranking is None or ranking.best is None:
             return "no grasp can be reached"
         self._others = ranking.of(ranking.best)[:CHOICES].tolist()
-        return self.next(servo) and f"no grasp of the {ranking.best} can be reached on a straight way"
+        return (
+            self.next(servo) and f"no grasp of the {ranking.best} can be reached and lifted on a straight way"
+        )
 
     def next(self, servo: Servo) -> str:
         """Take the next best grasp of the choice that was made last; say why where there is none left."""
@@ -201,20 +212,28 @@ class Choosing:
         ranking = self.ranking
         while ranking is not None and self._others:
             target = ranking.target_of(self._others.pop(0))
-            if can_travel(self.robot, self.approach, posture, [start, target.X_WP, target.X_WG]):
+            way = whole_way(self.approach, start, target.X_WP, target.X_WG)
+            if can_travel(self.robot, self.approach, posture, way):
                 self.target = target
                 return ""
-        return "there is no other grasp that can be reached on a straight way"
+        return "there is no other grasp that can be reached and lifted on a straight way"
 
     def veto(self, target: Target | None) -> str:
         """Offer this grasp no more until the scene changes; by default the one that is shown. Say what was done."""
         if target is None and self.ranking is not None:
-            target = self.ranking.target()
+            target = self._marked(self.ranking)
         if target is None:
             return "there is no grasp to refuse"
         self.selector.veto(target.object_name, target.grasp_index)
         self._table, self._ranked = None, -np.inf
         return f"grasp {target.grasp_index} of the {target.object_name} is refused"
+
+    def _marked(self, ranking: Ranking) -> Target | None:
+        """Return the grasp that is shown of the object that is meant."""
+        for goal in self.goals:
+            if goal.name == ranking.best:
+                return ranking.target_of(self._aim(goal).candidate)
+        return ranking.target()
 
     def near(self, servo: Servo, within: tuple[float, float] | None) -> str:
         """Fix as target the grasp that the tool is at, within a distance and an angle; say why there is none."""
@@ -249,8 +268,9 @@ def _goals(goals: Goals, here: CostToGo, belief: Belief) -> tuple[Goal, ...]:
     """Return the objects as a policy sees them."""
     best = [line.start + int(np.argmax(goals.manipulability[line])) for line in goals.lines()]
     rows = zip(goals.names, belief.probability.tolist(), here.row.tolist(), best, strict=True)
-    p, q = goals.positions, goals.quaternions
-    return tuple(
-        Goal(name, b, tuple(p[i].tolist()), tuple(q[i].tolist()), tuple(p[j].tolist()), tuple(q[j].tolist()))
-        for name, b, i, j in rows
-    )
+
+    def grasp(row: int) -> GraspPose:
+        p, q = goals.positions[row].tolist(), goals.quaternions[row].tolist()
+        return GraspPose(tuple(p), tuple(q), int(goals.candidate[row]))
+
+    return tuple(Goal(name, b, grasp(i), grasp(j)) for name, b, i, j in rows)

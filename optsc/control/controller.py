@@ -88,7 +88,7 @@ class SharedController:
         selector: ranks the candidate grasps.
         arbitration: how hand and robot share the motion, see `optsc.control.arbitration`.
         intent: how a belief over objects follows from the hand's motion; the most probable object is then the one
-            that is meant. None: the one that is pointed at, but for policies that need a belief.
+            that is meant. None: the one that is pointed at, but where the hand grasps or the robot helps it.
         fine_tuning: how far the operator may shift the grasp that the robot goes to; None for not at all.
         approach: how the robot moves by itself.
         clutch: how the hand's motion maps to the tool's.
@@ -126,9 +126,9 @@ class SharedController:
         self.approach, self.clutch = approach or Approach(), clutch or ClutchSettings()
         self._smoothing, self._tuning, self._within = smoothing, fine_tuning, grasp_within
         self._servo_settings, self._solver, self._avoid = servo or ServoSettings(), solver, avoid
-        if intent is None and self.arbitration.assists:
+        if intent is None and (self.arbitration.assists or self.arbitration.trigger is Trigger.GRASPS):
             intent = IntentSettings()
-        self._choosing = Choosing(robot, selector, self.approach, intent)
+        self._choosing = Choosing(robot, selector, self.approach, intent, self.arbitration.aim)
         self._open = robot.gripper.max_opening
         self.reset(robot.home)
 

@@ -155,7 +155,7 @@ class Person:
         X_WT, at_rest = self._perceived(time)
         if not at_rest and waited < self._human.patience:
             return
-        if self._by_hand and self._goes_along(waited, view, X_WT):
+        if self._by_hand and self._goes_along(view, X_WT):
             self._arrived(time, view, X_WT)
             return
         wanted, care = self._wanted_pose(), self._care()
@@ -175,14 +175,15 @@ class Person:
             self._last_error = error
             self._correct(time, X_WT)
 
-    def _goes_along(self, waited: float, view: OperatorView, X_WT: Pose) -> bool:
-        """Tell whether the person is content with where help has brought the tool, and take to the grasp shown there.
+    def _goes_along(self, view: OperatorView, X_WT: Pose) -> bool:
+        """Tell whether the person is content with where the tool is on the way, and take to the grasp shown there.
 
-        Whoever is helped on towards a grasp does not insist on the ready pose, nor on the pre-grasp.
+        Whoever grasps by hand reaches out for the object, and corrects the tool to a grasp, not to a ready pose.
+        Whoever is helped on towards another grasp takes that, and does not insist on the pre-grasp.
         """
         shown = view.grasps.get(self._target())
         if self._X_OG is None:
-            return shown is not None and waited >= self._human.patience
+            return shown is not None
         X_WO = self._known[self._target()]
         if shown is not None and _nearness(X_WT, shown) < _nearness(X_WT, X_WO @ self._X_OG):
             self._X_OG = X_WO.inverse() @ shown

@@ -52,8 +52,8 @@ class Simulated:
     takes over too where the robot is seen to go for another object, and shows it once more which one is meant.
     When the task is finished, or the plan is, the hand rests for good.
 
-    Where the trigger closes the jaws (``by_hand``), the person goes on from the ready pose to the pre-grasp and to
-    the grasp that is shown for the object, and triggers there; a planned change of mind then comes at the ready pose.
+    Where the trigger closes the jaws (``by_hand``), the person goes on from about the ready pose to the pre-grasp and
+    to the grasp that is shown for the object by then, and triggers there; a planned change of mind comes before that.
 
     Everything random comes from ``seed``: the same views give the same samples, bit for bit, and what trembles and
     drifts is the same whatever the views. One object plays one run.

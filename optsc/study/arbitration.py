@@ -33,7 +33,7 @@ from optsc.study.scenes import Scene
 from optsc.study.staging import Settings, Stage, episode_key
 from optsc.study.sweep.plan import Cases
 
-VERSION = 1
+VERSION = 2
 """Version of what a row means; part of every key."""
 REPORTED = (
     *("grasp_s", "effort_m", "intervention", "agreement", "disagreement", "switches", "path_length_m"),

@@ -21,7 +21,7 @@ from optsc.study.keys import key
 from optsc.study.libraries import grasps_hash, library_of
 from optsc.study.scenes import Scene, arm
 
-ENGINE = 1
+ENGINE = 2
 """Version of what a row means; part of every key, raised whenever rows of equal settings would differ."""
 FOLLOWERS = ("ideal", "pybullet")
 LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from optsc.control.approach import Approach
-from optsc.control.arbitration import HAND_ALONE, POLICIES, Goal, Moment
+from optsc.control.arbitration import HAND_ALONE, POLICIES, Goal, GraspPose, Moment
 from optsc.control.fine_tuning import FineTuning
 from optsc.operators import Button
 from optsc.selection.intent import IntentSettings
@@ -30,7 +30,7 @@ def test_the_example_of_a_policy_runs_as_shown_and_has_fewer_than_forty_lines(tm
 def test_the_example_helps_along_the_hands_way_and_only_there():
     names = {}
     exec(BLOCK.split("robot = ")[0], names)
-    goal = Goal("a", 1.0, (1.0, 0, 0), (1.0, 0, 0, 0), (1.0, 0, 0), (1.0, 0, 0, 0))
+    goal = Goal("a", 1.0, *[GraspPose((1.0, 0, 0), (1.0, 0, 0, 0), 0)] * 2)
     for hand, alpha in (
         ((0.1, 0, 0), 0.6),
         ((0.1, 0.1, 0), 0.6 / np.sqrt(2)),

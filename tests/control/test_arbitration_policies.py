@@ -11,6 +11,7 @@ from optsc.control.arbitration import (
     Automatic,
     Continuous,
     Goal,
+    GraspPose,
     Hindsight,
     LinearBlending,
     Manual,
@@ -29,7 +30,7 @@ APPROACH = Approach()
 
 
 def goal(p, probability=1.0, q=I4, best=None, name="a"):
-    return Goal(name, probability, tuple(p), tuple(q), tuple(best or p), tuple(q))
+    return Goal(name, probability, GraspPose(tuple(p), tuple(q), 0), GraspPose(tuple(best or p), tuple(q), 1))
 
 
 def moment(*goals, hand=(0,) * 6, gap=1.0, last=HAND_ALONE, period=10.0):
@@ -46,10 +47,11 @@ HAND = (0.02, -0.05, 0.01, 0.1, 0.0, -0.2)
 
 def test_towards_goes_straight_at_the_approachs_speed_and_slows_down_at_the_end():
     q = tuple(rotation.exp([0.0, 0.0, 0.1]))
-    np.testing.assert_allclose(towards(APPROACH, (0, 0, 0), I4, (0.3, 0, 0.4), q)[:3], [0.06, 0, 0.08])
+    far, near = GraspPose((0.3, 0, 0.4), q, 0), GraspPose((0.003, 0, 0), I4, 0)
+    np.testing.assert_allclose(towards(moment(), far)[:3], [0.06, 0, 0.08])
     # Half a metre takes 5 s, and so does the turn.
-    np.testing.assert_allclose(towards(APPROACH, (0, 0, 0), I4, (0.3, 0, 0.4), q)[3:], [0, 0, 0.02])
-    np.testing.assert_allclose(towards(APPROACH, (0, 0, 0), I4, (0.003, 0, 0), I4)[:3], [0.01, 0, 0])
+    np.testing.assert_allclose(towards(moment(), far)[3:], [0, 0, 0.02])
+    np.testing.assert_allclose(towards(moment(), near)[:3], [0.01, 0, 0])
 
 
 def test_the_ramp_has_two_ends_and_is_a_step_where_they_meet():

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from closed_loop import PLACES, Loop, modes, scene
 
-from optsc.control.arbitration import Automatic, Hindsight, LinearBlending, Manual
+from optsc.control.arbitration import Automatic, Continuous, Hindsight, LinearBlending, Manual
 from optsc.control.modes import Event, Mode
 from optsc.geometry import Pose, rotation
-from optsc.operators import OperatorSample
+from optsc.operators import Button, OperatorSample
 from optsc.robot import load_robot
 from optsc.selection.intent import IntentSettings
 
@@ -160,5 +160,32 @@ def test_goals_hold_the_nearest_and_the_most_manipulable_grasp_of_every_object(r
         settings = IntentSettings()
         value = settings.translation.value(np.linalg.norm(places - p, axis=1))
         value = value + settings.rotation.value(rotation.angle(turns, q))
-        np.testing.assert_allclose(goal.p, places[np.argmin(value)], atol=1e-12)
-        np.testing.assert_allclose(goal.best_p, places[np.argmax(table.manipulability[rows])], atol=1e-12)
+        np.testing.assert_allclose(goal.nearest.p, places[np.argmin(value)], atol=1e-12)
+        np.testing.assert_allclose(goal.best.p, places[np.argmax(table.manipulability[rows])], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("policy", "aim"), [(Hindsight(), "nearest"), (Manual(), "nearest"), (Continuous(), "best")]
+)
+def test_the_grasp_that_is_shown_is_the_one_that_the_policy_helps_towards(robot, policy, aim):
+    loop = Loop(robot, scene(), arbitration=policy)
+    loop.go(0.1)
+    goals, shown = loop.controller._choosing.goals, loop.controller.shown
+    assert sorted(shown) == [goal.name for goal in goals]
+    for goal in goals:
+        grasp = getattr(goal, aim)
+        np.testing.assert_array_equal(shown[goal.name].translation, grasp.p)
+        stored = loop.controller.selector.table.candidates.X_WG[grasp.candidate]
+        np.testing.assert_allclose(stored.translation, grasp.p, atol=1e-12)
+
+
+@pytest.mark.parametrize("policy", [Hindsight(), Continuous()])
+def test_where_the_robot_helps_a_veto_refuses_the_grasp_that_it_helps_towards(robot, policy):
+    loop = Loop(robot, scene(), arbitration=policy)
+    loop.go(0.1)
+    meant = loop.controller.ranking.best
+    shown = loop.controller.shown[meant]
+    step = loop.tick(OperatorSample(loop.time, loop.hand, buttons=frozenset({Button.VETO})))
+    assert meant in step.reason
+    loop.go(0.1)
+    assert not loop.controller.shown[meant].almost_equal(shown, 1e-6)

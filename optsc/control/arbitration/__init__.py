@@ -8,7 +8,15 @@ from optsc.control.arbitration.continuous import Continuous
 from optsc.control.arbitration.experts import ProductOfExperts
 from optsc.control.arbitration.fixture import VirtualFixture
 from optsc.control.arbitration.hindsight import Hindsight
-from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Goal, Moment, Trigger
+from optsc.control.arbitration.interface import (
+    HAND_ALONE,
+    Arbitration,
+    Blend,
+    Goal,
+    GraspPose,
+    Moment,
+    Trigger,
+)
 from optsc.control.arbitration.linear import LinearBlending
 from optsc.control.arbitration.manual import Manual
 from optsc.errors import UnknownName
@@ -47,6 +55,7 @@ __all__ = [
     "Blend",
     "Continuous",
     "Goal",
+    "GraspPose",
     "Hindsight",
     "LinearBlending",
     "Manual",

@@ -6,7 +6,14 @@ from dataclasses import dataclass
 from math import hypot, isfinite
 from typing import ClassVar
 
-from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Moment
+from optsc.control.arbitration.interface import (
+    HAND_ALONE,
+    Arbitration,
+    Blend,
+    Goal,
+    GraspPose,
+    Moment,
+)
 from optsc.control.arbitration.motions import blended, offset
 from optsc.errors import InvalidValue
 
@@ -40,11 +47,15 @@ class Continuous(Arbitration):
         if not self.rate > 0.0:
             raise InvalidValue("rate", self.rate, "above 0 [1/s]")
 
+    def aim(self, goal: Goal) -> GraspPose:
+        """Return the grasp of greatest manipulability."""
+        return goal.best
+
     def blend(self, moment: Moment) -> Blend:
         """Return A = (1 - alpha) I and r = alpha u_r."""
         goal = moment.goal
         if goal is None:
             return HAND_ALONE
-        shift, _ = offset(moment.p, moment.q, goal.best_p, goal.best_q)
+        shift, _ = offset(moment, self.aim(goal))
         wanted = self.most * max(0.0, 1.0 - hypot(*shift) / self.reach)
-        return blended(moment, wanted, self.rate, goal.best_p, goal.best_q)
+        return blended(moment, wanted, self.rate, self.aim(goal))

@@ -51,12 +51,12 @@ class ProductOfExperts(Arbitration):
         by_hand = np.diag(np.repeat(np.array(self.hand) ** -2.0, 3))
         total, wish = by_hand.copy(), np.zeros(6)
         for goal, beta in zip(moment.goals, weights([g.probability for g in moment.goals]), strict=True):
-            shift, turn = offset(moment.p, moment.q, goal.p, goal.q)
+            shift, turn = offset(moment, self.aim(goal))
             precision = np.zeros((6, 6))
             precision[:3, :3] = self._precision(0, shift)
             precision[3:, 3:] = self._precision(1, turn)
             total += beta * precision
-            u_g = towards(moment.approach, moment.p, moment.q, goal.p, goal.q)
+            u_g = towards(moment, self.aim(goal))
             wish += beta * (precision @ u_g)
         A = np.asarray(np.linalg.solve(total, by_hand), dtype=float)
         r = np.asarray(np.linalg.solve(total, wish), dtype=float)

@@ -54,7 +54,7 @@ class VirtualFixture(Arbitration):
         goal = moment.goal
         if goal is None:
             return HAND_ALONE
-        ways = offset(moment.p, moment.q, goal.p, goal.q)
+        ways = offset(moment, self.aim(goal))
         wanted = (1.0 - self.k_tau) * ramp(moment.gap, self.low, self.high)
         share = limited(moment.last.share, wanted, self.rate * moment.period)
         A = np.eye(6)

@@ -51,7 +51,7 @@ class Hindsight(Arbitration):
             return HAND_ALONE
         r = np.zeros(6)
         for g in moment.goals:
-            shift, turn = offset(moment.p, moment.q, g.p, g.q)
+            shift, turn = offset(moment, self.aim(g))
             r[:3] += g.probability * self._descent(self.translation, 0, shift)
             r[3:] += g.probability * self._descent(self.rotation, 1, turn)
         return Blend(HAND_ALONE.hand, r, goal.probability)

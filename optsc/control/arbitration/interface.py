@@ -27,22 +27,28 @@ class Trigger(Enum):
     GRASPS = "the jaws close where they are"
 
 
+class GraspPose(NamedTuple):
+    """A grasp that the arm can carry out: the tool's pose in W, and the number of the candidate."""
+
+    p: Vector
+    q: Quaternion
+    candidate: int
+
+
 class Goal(NamedTuple):
     """An object that may be meant.
 
     Attributes:
         name: of the object.
         probability: that it is the one that is meant.
-        p, q: tool pose in W of its grasp that is nearest to the tool, of those that the arm can carry out.
-        best_p, best_q: that of its grasp of greatest manipulability.
+        nearest: its grasp that is nearest to the tool, of those that the arm can carry out.
+        best: its grasp of greatest manipulability.
     """
 
     name: str
     probability: float
-    p: Vector
-    q: Quaternion
-    best_p: Vector
-    best_q: Quaternion
+    nearest: GraspPose
+    best: GraspPose
 
 
 class Blend(NamedTuple):
@@ -111,6 +117,10 @@ class Arbitration(Protocol):
     name: ClassVar[str]
     trigger: ClassVar[Trigger] = Trigger.GRASPS
     assists: ClassVar[bool] = True
+
+    def aim(self, goal: Goal) -> GraspPose:
+        """Return which grasp of an object the robot helps towards, which is the one that is shown."""
+        return goal.nearest
 
     def blend(self, moment: Moment) -> Blend:
         """Return how hand and robot are blended now."""

@@ -46,4 +46,4 @@ class LinearBlending(Arbitration):
         if goal is None:
             return HAND_ALONE
         wanted = self.most * ramp(moment.gap, self.low, self.high)
-        return blended(moment, wanted, self.rate, goal.p, goal.q)
+        return blended(moment, wanted, self.rate, self.aim(goal))

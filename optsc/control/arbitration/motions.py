@@ -6,28 +6,28 @@ from math import hypot
 
 import numpy as np
 
-from optsc.control.approach import Approach
-from optsc.control.arbitration.interface import Blend, Moment
+from optsc.control.arbitration.interface import Blend, GraspPose, Moment
 from optsc.geometry import scalar
 from optsc.geometry.rotation import Array
-from optsc.geometry.scalar import Quaternion, Vector
+from optsc.geometry.scalar import Vector
 
 SLOWING = 0.3
 """Time constant [s] of coming to rest at a pose: from 0.1 m/s the last 3 cm are slower."""
 
 
-def offset(p: Vector, q: Quaternion, goal_p: Vector, goal_q: Quaternion) -> tuple[Vector, Vector]:
-    """Return the displacement [m] and the rotation vector [rad], in W, that lead from a pose to a goal."""
-    shift = (goal_p[0] - p[0], goal_p[1] - p[1], goal_p[2] - p[2])
-    return shift, scalar.log(scalar.multiply(goal_q, scalar.conjugate(q)))
+def offset(moment: Moment, grasp: GraspPose) -> tuple[Vector, Vector]:
+    """Return the displacement [m] and the rotation vector [rad], in W, that lead the tool to a grasp."""
+    (x, y, z), (gx, gy, gz) = moment.p, grasp.p
+    return (gx - x, gy - y, gz - z), scalar.log(scalar.multiply(grasp.q, scalar.conjugate(moment.q)))
 
 
-def towards(approach: Approach, p: Vector, q: Quaternion, goal_p: Vector, goal_q: Quaternion) -> Array:
-    """Return the twist (6,) that leads straight to a goal: e / `SLOWING`, at the approach's speeds at most.
+def towards(moment: Moment, grasp: GraspPose) -> Array:
+    """Return the twist (6,) that leads straight to a grasp: e / `SLOWING`, at the approach's speeds at most.
 
     The slower of the two parts sets the pace, so that line and rotation end together.
     """
-    shift, turn = offset(p, q, goal_p, goal_q)
+    shift, turn = offset(moment, grasp)
+    approach = moment.approach
     pace = max(hypot(*shift) / approach.speed, hypot(*turn) / approach.angular_speed, SLOWING)
     return np.array([*shift, *turn]) / pace
 
@@ -44,8 +44,7 @@ def limited(last: float, wanted: float, most: float) -> float:
     return min(max(wanted, last - most), last + most)
 
 
-def blended(moment: Moment, wanted: float, rate: float, goal_p: Vector, goal_q: Quaternion) -> Blend:
-    """Return u = (1 - alpha) u_h + alpha u_r towards a goal; alpha nears ``wanted`` at most at ``rate`` [1/s]."""
+def blended(moment: Moment, wanted: float, rate: float, grasp: GraspPose) -> Blend:
+    """Return u = (1 - alpha) u_h + alpha u_r towards a grasp; alpha nears ``wanted`` at most at ``rate`` [1/s]."""
     alpha = limited(moment.last.share, wanted, rate * moment.period)
-    u_r = towards(moment.approach, moment.p, moment.q, goal_p, goal_q)
-    return Blend((1.0 - alpha) * np.eye(6), alpha * u_r, alpha)
+    return Blend((1.0 - alpha) * np.eye(6), alpha * towards(moment, grasp), alpha)
