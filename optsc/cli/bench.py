@@ -6,8 +6,9 @@ import argparse
 import json
 import shlex
 import sys
-from pathlib import Path
 from typing import Any
+
+from optsc.cli.options import actions_of, add_output, add_seed, checked_seed
 
 
 def add_parser(subparsers: Any) -> None:
@@ -17,7 +18,7 @@ def add_parser(subparsers: Any) -> None:
         help="put the motion core to the test",
         epilog="example: optsc bench soak --ticks 200000 --seed 1 --output soak-output",
     )
-    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+    actions = actions_of(parser)
     soak = actions.add_parser(
         "soak",
         help="hostile input to the servo, every command checked",
@@ -26,7 +27,7 @@ def add_parser(subparsers: Any) -> None:
         epilog="example: optsc bench soak --ticks 200000 --seed 1 --output soak-output",
     )
     soak.add_argument("--ticks", type=int, default=1_000_000, help="how many at least (default 1000000)")
-    soak.add_argument("--seed", type=int, default=0, help="of everything random (default 0)")
+    add_seed(soak, "everything random")
     soak.add_argument("--robots", nargs="+", metavar="NAME", help="arms to draw from (default: all)")
     soak.add_argument(
         "--streams", nargs="+", metavar="NAME", help="kinds of input to draw from (default: all)"
@@ -34,18 +35,16 @@ def add_parser(subparsers: Any) -> None:
     soak.add_argument(
         "--episode", type=int, metavar="N", help="run this one episode of the soak again, alone"
     )
-    soak.add_argument("--output", type=Path, metavar="DIR", help="where summary.json goes (default: nowhere)")
+    add_output(soak, None, "where summary.json goes")
     soak.set_defaults(run=_soak)
 
 
 def _soak(options: argparse.Namespace) -> int:
-    from optsc.errors import InvalidValue
     from optsc.robot import ROBOT_NAMES
     from optsc.study.soak import STREAMS, Soak, run_episode, soak
 
     robots, streams = tuple(options.robots or ROBOT_NAMES), tuple(options.streams or STREAMS)
-    if options.seed < 0:
-        raise InvalidValue("--seed", options.seed, "0 or more")
+    checked_seed(options)
     if options.episode is None:
         show = _progress(options.ticks)
         result = soak(options.ticks, seed=options.seed, robots=robots, streams=streams, progress=show)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 from pathlib import Path
 from typing import Any
+
+from optsc.cli.options import add_output, add_seed, check_display, checked_seed
 
 DEFAULT_OBJECTS = ("mug", "can", "box")
 
@@ -24,11 +24,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--objects", nargs="+", default=list(DEFAULT_OBJECTS), metavar="NAME", help="what lies there"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the scene and the operator (default 0)")
+    add_seed(parser, "the scene and the operator")
     parser.add_argument("--rate", type=float, default=500.0, help="control rate in Hz (default 500)")
-    parser.add_argument(
-        "--output", type=Path, default=Path("demo-output"), metavar="DIR", help="where results go"
-    )
+    add_output(parser, "demo-output")
     parser.add_argument(
         "--library", type=Path, metavar="DIR", help="where grasps are kept (default: the user's cache)"
     )
@@ -45,16 +43,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the demonstration; a failed lift is a result, not an error."""
-    from optsc.errors import InvalidValue
     from optsc.robot import load_robot
     from optsc.study.demo import run_demo, save, table
 
-    if options.gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        raise InvalidValue(
-            "--gui", "no display", "a machine with a display; without --gui the demo runs headless"
-        )
-    if options.seed < 0:
-        raise InvalidValue("--seed", options.seed, "0 or more")
+    check_display(options)
+    checked_seed(options)
     print(f"scene {options.seed}: {options.robot} with {', '.join(options.objects)}")
     demo = run_demo(
         load_robot(options.robot),

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from optsc.cli.options import actions_of, add_gripper, add_objects, add_output, add_seed, checked_seed
+
 _EXAMPLE = "example: optsc grasps build --objects mug can --output grasps && optsc grasps show grasps"
 
 
@@ -16,7 +18,7 @@ def add_parser(subparsers: Any) -> None:
         help="build grasp libraries, look at them, try them, import others",
         epilog=_EXAMPLE,
     )
-    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+    actions = actions_of(parser)
     for add in (_add_build, _add_show, _add_validate, _add_import):
         add(actions)
 
@@ -29,13 +31,11 @@ def _add_build(actions: Any) -> None:
         "summary.json. What is stored already and still agrees is kept.",
         epilog="example: optsc grasps build --objects mug can --seed 1 --output grasps",
     )
-    build.add_argument(
-        "--objects", nargs="+", metavar="NAME", help="which objects (default: all that come along)"
-    )
-    build.add_argument("--gripper", default="panda_hand", help="for which gripper (default panda_hand)")
+    add_objects(build, "all that come along")
+    add_gripper(build)
     build.add_argument("--count", type=int, default=150, help="grasps wanted of each object (default 150)")
-    build.add_argument("--seed", type=int, default=0, help="of the sampling (default 0)")
-    build.add_argument("--output", type=Path, default=Path("grasps"), metavar="DIR", help="where they go")
+    add_seed(build, "the sampling")
+    add_output(build, "grasps", "where they go")
     build.set_defaults(run=_build)
 
 
@@ -48,9 +48,9 @@ def _add_show(actions: Any) -> None:
         epilog="example: optsc grasps show grasps --output pictures",
     )
     show.add_argument("directory", type=Path)
-    show.add_argument("--objects", nargs="+", metavar="NAME", help="only these (default: all)")
-    show.add_argument("--seed", type=int, default=0, help="of the drawn surface points (default 0)")
-    show.add_argument("--output", type=Path, metavar="DIR", help="where pictures go (default: nowhere)")
+    add_objects(show)
+    add_seed(show, "the drawn surface points")
+    add_output(show, None, "where pictures go")
     show.set_defaults(run=_show)
 
 
@@ -64,15 +64,13 @@ def _add_validate(actions: Any) -> None:
         epilog="example: optsc grasps validate grasps --objects mug --workers 2",
     )
     validate.add_argument("directory", type=Path)
-    validate.add_argument("--objects", nargs="+", metavar="NAME", help="only these (default: all)")
+    add_objects(validate)
     validate.add_argument("--workers", type=int, help="processes that share the work (default: all cores)")
     validate.add_argument(
         "--least", type=float, default=0.0, help="share that has to hold for exit code 0 (default 0)"
     )
-    validate.add_argument("--seed", type=int, default=0, help="of nothing: trials have no chance in them")
-    validate.add_argument(
-        "--output", type=Path, metavar="DIR", help="where the sets with outcomes go (default: in place)"
-    )
+    add_seed(validate, "nothing: trials have no chance in them")
+    add_output(validate, None, "where the sets with outcomes go", otherwise="in place")
     validate.set_defaults(run=_validate)
 
 
@@ -86,9 +84,9 @@ def _add_import(actions: Any) -> None:
     )
     importer.add_argument("file", type=Path)
     importer.add_argument("--name", required=True, help="of the object")
-    importer.add_argument("--gripper", default="panda_hand", help="for which gripper (default panda_hand)")
-    importer.add_argument("--seed", type=int, default=0, help="of nothing: importing has no chance in it")
-    importer.add_argument("--output", type=Path, default=Path("grasps"), metavar="DIR", help="where they go")
+    add_gripper(importer)
+    add_seed(importer, "nothing: importing has no chance in it")
+    add_output(importer, "grasps", "where they go")
     importer.set_defaults(run=_import)
 
 
@@ -101,7 +99,7 @@ def _build(options: argparse.Namespace) -> int:
     library = build_library(
         {name: object_model(name).mesh for name in options.objects or OBJECT_NAMES},
         gripper(options.gripper),
-        seed=options.seed,
+        seed=checked_seed(options),
         directory=options.output,
         settings=AntipodalSettings(count=options.count),
         progress=progress(),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
+from optsc.cli.cases import add_case_options, cases_of, compute, executor_of
+from optsc.cli.options import checked_seed, command_line
 from optsc.cli.progress import shown_progress
-from optsc.cli.study import add_case_options, cases_of, command_line, compute
 
 DEFAULT_VARIED = (
     "weight.orientation=0:1",
@@ -48,18 +48,16 @@ def add_parser(subparsers: Any) -> None:
         "--stability", type=int, default=10, metavar="N", help="cases for rankings (default 10)"
     )
     parser.add_argument("--tune", action="store_true", help="search with Optuna instead of a design")
-    add_case_options(parser, robots=["panda"], scenes=50)
-    parser.set_defaults(run=run, output=Path("sweep-output"))
+    add_case_options(parser, robots=["panda"], scenes=50, output="sweep-output")
+    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the sweep and write tables, summary and report."""
-    from optsc.errors import InvalidValue
     from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER
     from optsc.study.sweep.space import Dimension, conditions, design
 
-    if options.seed < 0:
-        raise InvalidValue("--seed", options.seed, "0 or more")
+    checked_seed(options)
     dimensions = [Dimension.parse(text) for text in options.vary]
     if options.tune:
         return _tune(options, dimensions)
@@ -129,15 +127,11 @@ def _report(options: argparse.Namespace, cases: Any, rows: Any, varied: Any, ref
 
 
 def _tune(options: argparse.Namespace, dimensions: Any) -> int:
-    from contextlib import nullcontext
-
     from optsc.study.output import save_rows, save_summary
-    from optsc.study.sweep.runner import dask_executor
     from optsc.study.sweep.store import RowStore
     from optsc.study.sweep.tuning import tune
 
-    place: Any = dask_executor(options.scheduler) if options.scheduler else nullcontext()
-    with place as executor:
+    with executor_of(options) as executor:
         trials = tune(
             cases_of(options),
             dimensions,

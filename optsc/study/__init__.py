@@ -1,1 +1,195 @@
-"""Scenes, conditions and experiments: what a study runs and measures."""
+"""Scenes, conditions and experiments: what a study runs and measures.
+
+Names are loaded when they are first used, so that importing the room costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from optsc.study.approach import (
+        Comparison,
+        Failure,
+        Pair,
+        approach_conditions,
+        compare,
+        explanation,
+        failures,
+        pairs_of,
+    )
+    from optsc.study.arbitration import (
+        PolicyCondition,
+        PolicyJob,
+        do_policies,
+        outcome,
+        play,
+        policy_conditions,
+        policy_jobs,
+    )
+    from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
+    from optsc.study.demo import Demo, run_demo
+    from optsc.study.engine import Choice, Engine, Executed
+    from optsc.study.fresh import FreshSelector
+    from optsc.study.libraries import library_of
+    from optsc.study.lifting import is_lifted
+    from optsc.study.outcomes import Job, Row
+    from optsc.study.output import save_rows, save_summary
+    from optsc.study.scenes import LEVELS, Difficulty, Grade, Scene, grade, random_scene, scene_set
+    from optsc.study.soak import Soak
+    from optsc.study.stability import Stability
+    from optsc.study.staging import FOLLOWERS, Settings, Stage
+    from optsc.study.statistics import (
+        Interval,
+        PairedDifference,
+        bootstrap,
+        kendall_tau,
+        paired_difference,
+        pareto_front,
+        rank_biserial,
+        share_interval,
+    )
+    from optsc.study.sweep.plan import Cases
+    from optsc.study.sweep.runner import JobFailed, Progress, dask_executor, run_jobs
+    from optsc.study.sweep.space import Dimension, rule_of
+    from optsc.study.sweep.store import RowStore
+
+_WHERE = {
+    "FOLLOWERS": "staging",
+    "LEVELS": "scenes",
+    "MANIPULABILITY_ONLY": "conditions",
+    "PAPER": "conditions",
+    "Cases": "sweep.plan",
+    "Choice": "engine",
+    "Comparison": "approach",
+    "Condition": "conditions",
+    "Demo": "demo",
+    "Difficulty": "scenes",
+    "Dimension": "sweep.space",
+    "Engine": "engine",
+    "Executed": "engine",
+    "Failure": "approach",
+    "FreshSelector": "fresh",
+    "Grade": "scenes",
+    "Interval": "statistics",
+    "Job": "outcomes",
+    "JobFailed": "sweep.runner",
+    "Pair": "approach",
+    "PairedDifference": "statistics",
+    "Person": "conditions",
+    "PolicyCondition": "arbitration",
+    "PolicyJob": "arbitration",
+    "Progress": "sweep.runner",
+    "Row": "outcomes",
+    "RowStore": "sweep.store",
+    "Scene": "scenes",
+    "Settings": "staging",
+    "Soak": "soak",
+    "Stability": "stability",
+    "Stage": "staging",
+    "approach_conditions": "approach",
+    "bootstrap": "statistics",
+    "compare": "approach",
+    "dask_executor": "sweep.runner",
+    "do_policies": "arbitration",
+    "explanation": "approach",
+    "failures": "approach",
+    "grade": "scenes",
+    "is_lifted": "lifting",
+    "kendall_tau": "statistics",
+    "library_of": "libraries",
+    "outcome": "arbitration",
+    "paired_difference": "statistics",
+    "pairs_of": "approach",
+    "pareto_front": "statistics",
+    "play": "arbitration",
+    "policy_conditions": "arbitration",
+    "policy_jobs": "arbitration",
+    "random_scene": "scenes",
+    "rank_biserial": "statistics",
+    "rule_of": "sweep.space",
+    "run_demo": "demo",
+    "run_jobs": "sweep.runner",
+    "save_rows": "output",
+    "save_summary": "output",
+    "scene_set": "scenes",
+    "share_interval": "statistics",
+}
+_PARTS = ("people", "sweep")
+
+__all__ = [
+    "FOLLOWERS",
+    "LEVELS",
+    "MANIPULABILITY_ONLY",
+    "PAPER",
+    "Cases",
+    "Choice",
+    "Comparison",
+    "Condition",
+    "Demo",
+    "Difficulty",
+    "Dimension",
+    "Engine",
+    "Executed",
+    "Failure",
+    "FreshSelector",
+    "Grade",
+    "Interval",
+    "Job",
+    "JobFailed",
+    "Pair",
+    "PairedDifference",
+    "Person",
+    "PolicyCondition",
+    "PolicyJob",
+    "Progress",
+    "Row",
+    "RowStore",
+    "Scene",
+    "Settings",
+    "Soak",
+    "Stability",
+    "Stage",
+    "approach_conditions",
+    "bootstrap",
+    "compare",
+    "dask_executor",
+    "do_policies",
+    "explanation",
+    "failures",
+    "grade",
+    "is_lifted",
+    "kendall_tau",
+    "library_of",
+    "outcome",
+    "paired_difference",
+    "pairs_of",
+    "pareto_front",
+    "people",
+    "play",
+    "policy_conditions",
+    "policy_jobs",
+    "random_scene",
+    "rank_biserial",
+    "rule_of",
+    "run_demo",
+    "run_jobs",
+    "save_rows",
+    "save_summary",
+    "scene_set",
+    "share_interval",
+    "sweep",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PARTS:
+        return importlib.import_module(f"optsc.study.{name}")
+    if name in _WHERE:
+        return getattr(importlib.import_module(f"optsc.study.{_WHERE[name]}"), name)
+    raise AttributeError(f"module 'optsc.study' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -7,11 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from optsc.metrics import Motion
+from optsc.records import Run
+from optsc.study.arbitration import PolicyJob, play
 from optsc.study.outcomes import Row
+from optsc.study.staging import Stage
 from optsc.study.statistics import bootstrap, mean_of, paired_difference, share_interval
 from optsc.viewers.report import Picture, Report, Table
+from optsc.viewers.report_motion import Path, timelines, trajectories
 from optsc.viewers.report_statistics import Estimate, bars
 
+IN_A_ROW = 4
+"""Ways of the tool in one figure."""
 REFERENCE = "alternating"
 """The paper's policy, which the others are compared with."""
 COLUMNS = {
@@ -96,8 +103,8 @@ def text_table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def build(rows: Sequence[Row], command: str, seed: int = 0) -> Report:
-    """Return the report on all policies in ``rows``."""
+def build(rows: Sequence[Row], command: str, seed: int = 0, jobs: Sequence[PolicyJob] = ()) -> Report:
+    """Return the report on all policies in ``rows``; of one of the ``jobs`` it shows every motion, made again."""
     report = Report(
         "Arbitration policies on the same scenes and people",
         "Every policy meets the same scenes and the same people with the same random numbers. Success is a grasp of "
@@ -110,7 +117,35 @@ def build(rows: Sequence[Row], command: str, seed: int = 0) -> Report:
     )
     report.add("Against the paper's policy", *_differences(rows, seed))
     report.add("Jumps at changes of mode", _table(policies, JUMPS, seed, worst=True))
+    report.add("One case, looked at", *_motions(rows, jobs))
     return report
+
+
+def _motions(rows: Sequence[Row], jobs: Sequence[PolicyJob]) -> list[Picture | str]:
+    """Return who led when, and which way the tool went, in the first case in which every policy succeeds."""
+    good = {row["key"] for row in rows if row["success"]}
+    job = next((job for job in jobs if good.issuperset(job.keys())), None)
+    if job is None:
+        return ["There is no case in which every policy succeeds."]
+    stage = Stage(job.scene, job.settings)
+    objects = {name: (model.parts, stage.world.X_WO[name]) for name, model in stage.world.objects.items()}
+    paths = [path_of(stage, play(stage, job.person, c.policy), c.name) for c in job.conditions]
+    title = f"{job.scene.robot}, scene {job.scene.seed}, {job.scene.goal}, {job.person.kind}"
+    words = f"{title}: who led when, from the first sample to the object that is carried."
+    pictures: list[Picture | str] = [Picture("timelines", timelines(paths), words)]
+    for number, first in enumerate(range(0, len(paths), IN_A_ROW), 1):
+        words = "The way of the tool, coloured by mode; a fork is the grasp."
+        figure = trajectories(objects, paths[first : first + IN_A_ROW], title, job.scene.goal)
+        pictures.append(Picture(f"ways_{number}", figure, f"{title}. {words}"))
+    return pictures
+
+
+def path_of(stage: Stage, ticks: Run, label: str) -> Path:
+    """Return the way of the tool in a run, and the grasp that it was led to last."""
+    motion = Motion.of_run(ticks, stage.robot)
+    targets = [tick.step.target for tick in ticks if tick.step.target is not None]
+    X_WG = targets[-1].X_WG if targets else None
+    return Path(label, motion.X_WT.translation, motion.modes, motion.rate, X_WG)
 
 
 def _picture(policies: dict[str, list[Row]], seed: int) -> Picture:

@@ -172,6 +172,7 @@ def test_two_policies_are_compared_on_the_same_case(tmp_path):
     assert alternating["jump_position_m"][0] < 2e-3
     assert summary["policies"]["manual"]["effort_m"][0] > alternating["effort_m"][0]
     assert (tmp_path / "report.html").exists()
+    assert {"timelines.png", "ways_1.png"} <= {path.name for path in (tmp_path / "figures").iterdir()}
 
 
 def test_a_report_refuses_two_pictures_of_one_name(tmp_path):

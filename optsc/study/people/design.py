@@ -87,12 +87,15 @@ class StudyDesign:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        if isinstance(self.conditions, str) or not all(isinstance(name, str) for name in self.conditions):
+            raise InvalidValue("conditions", self.conditions, "a list of names")
         object.__setattr__(self, "conditions", tuple(self.conditions))
         if not self.conditions or len(set(self.conditions)) != len(self.conditions):
             raise InvalidValue("conditions", self.conditions, "at least one, each once")
         for field, least in (("trials", 1), ("practice", 0), ("seed", 0)):
-            if getattr(self, field) < least:
-                raise InvalidValue(field, getattr(self, field), f"{least} or more")
+            value = getattr(self, field)
+            if not isinstance(value, int) or value < least:
+                raise InvalidValue(field, value, f"a whole number, {least} or more")
         if not (isfinite(self.time_limit) and self.time_limit > 0.0):
             raise InvalidValue("time_limit", self.time_limit, "finite, above 0 s")
 

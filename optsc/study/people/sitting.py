@@ -6,13 +6,15 @@ import csv
 import json
 import os
 from collections.abc import Callable, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from optsc.errors import DamagedFile, InvalidValue
+from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.records import Run
+from optsc.study.keys import plain
 from optsc.study.people.design import Block, StudyDesign, Trial
-from optsc.study.people.workload import Workload
+from optsc.study.people.workload import SCALES, Workload
 
 DESIGN_FILE = "design.json"
 
@@ -61,15 +63,76 @@ class Sitting:
 
     @property
     def remaining(self) -> tuple[Trial, ...]:
-        """The trials that are not done yet, in order."""
+        """The trials that are not done yet, in order; raise `DamagedFile` for one whose measures cannot be read."""
+        return tuple(trial for block in self.blocks for trial in block.trials if self.row(trial) is None)
+
+    @property
+    def unrated(self) -> tuple[Block, ...]:
+        """The blocks whose trials are done and whose questions are not answered, in order."""
+        left = {trial.condition for trial in self.remaining}
         return tuple(
-            trial for block in self.blocks for trial in block.trials if not self._path(trial).exists()
+            block
+            for block in self.blocks
+            if block.condition not in left and not self._tlx_path(block).exists()
         )
 
     @property
     def finished(self) -> bool:
         """Whether all trials are done and all questions answered."""
-        return not self.remaining and all(self._tlx_path(block).exists() for block in self.blocks)
+        return not self.remaining and not self.unrated
+
+    def block(self, condition: str) -> Block:
+        """Return the block of a condition; raise `UnknownName`."""
+        for block in self.blocks:
+            if block.condition == condition:
+                return block
+        raise UnknownName("condition", condition, self.design.conditions)
+
+    def row(self, trial: Trial) -> dict[str, Any] | None:
+        """Return what was kept of a trial, None where it is not done; raise `DamagedFile`."""
+        path = self._path(trial)
+        if not path.exists():
+            return None
+        row = _read_measures(path)
+        if any(row[name] != value for name, value in trial._asdict().items()):
+            raise DamagedFile(
+                path, "is of another trial than the design has there; remove it, and the trial is done again"
+            )
+        return row
+
+    def carry_out(self, trial: Trial, run_trial: RunTrial) -> TrialResult:
+        """Carry out a trial, keep what came of it, and return that."""
+        result = run_trial(trial, self.design.time_limit)
+        result.run.save(self.directory / trial.file_name("run", "npz"))
+        row = {**trial._asdict(), "success": result.success, **result.measures}
+        write_at_once(self._path(trial), json.dumps(_finite(row), indent=2, allow_nan=False) + "\n")
+        return result
+
+    def rate(self, condition: str, answers: Workload, *, replace: bool = False) -> Path:
+        """Keep a participant's answers about a condition and return their file; raise as `check_rating`."""
+        path = self.check_rating(condition, replace=replace)
+        names = ",".join((*answers._fields, "raw"))
+        values = ",".join(f"{value:g}" for value in (*answers, answers.raw))
+        write_at_once(path, f"{names}\n{values}\n")
+        return path
+
+    def check_rating(self, condition: str, *, replace: bool = False) -> Path:
+        """Return where the answers about a condition go.
+
+        Raises:
+            UnknownName: no such condition.
+            InvalidValue: not all of its trials are done, or it was answered already and is not to be replaced.
+        """
+        block = self.block(condition)
+        left = sum(trial.condition == condition for trial in self.remaining)
+        if left:
+            raise InvalidValue(f"trials of {condition} that are left", left, "0 before it is rated")
+        path = self._tlx_path(block)
+        if path.exists() and not replace:
+            raise InvalidValue(
+                "answers", f"there already, in {path.name}", "given once; --replace puts new ones there"
+            )
+        return path
 
     def go_on(
         self,
@@ -81,30 +144,25 @@ class Sitting:
 
         An exception, such as a keyboard interrupt, leaves everything up to the last whole trial in its place.
         """
-        for number, block in enumerate(self.blocks, start=1):
+        for block in self.blocks:
             for trial in block.trials:
-                if not self._path(trial).exists():
-                    kind = "practice" if trial.practice else "trial"
-                    say(f"block {number} of {len(self.blocks)}, {trial.condition}: {kind}, run {trial.run}")
-                    self._keep(trial, run_trial(trial, self.design.time_limit))
+                if self.row(trial) is None:
+                    say(self.announce(trial))
+                    self.carry_out(trial, run_trial)
             if not self._tlx_path(block).exists():
-                self._keep_answers(block, ask(block))
+                self.rate(block.condition, ask(block))
+
+    def announce(self, trial: Trial) -> str:
+        """Return which trial is next, in words."""
+        number = self.blocks.index(self.block(trial.condition)) + 1
+        kind = "practice" if trial.practice else "trial"
+        return f"block {number} of {len(self.blocks)}, {trial.condition}: {kind}, run {trial.run}"
 
     def _path(self, trial: Trial) -> Path:
         return self.directory / trial.file_name("measures", "json")
 
     def _tlx_path(self, block: Block) -> Path:
         return self.directory / f"subject_{self.participant:02d}_cond_{block.condition_number:02d}_tlx.csv"
-
-    def _keep(self, trial: Trial, result: TrialResult) -> None:
-        result.run.save(self.directory / trial.file_name("run", "npz"))
-        row = {**trial._asdict(), "success": result.success, **result.measures}
-        _write_at_once(self._path(trial), json.dumps(row, indent=2) + "\n")
-
-    def _keep_answers(self, block: Block, answers: Workload) -> None:
-        names = ",".join((*answers._fields, "raw"))
-        values = ",".join(f"{value:g}" for value in (*answers, answers.raw))
-        _write_at_once(self._tlx_path(block), f"{names}\n{values}\n")
 
 
 def collect(directory: Path) -> list[dict[str, Any]]:
@@ -115,21 +173,52 @@ def collect(directory: Path) -> list[dict[str, Any]]:
     """
     rows = []
     for path in sorted(directory.glob("subject_*_measures.json")):
-        try:
-            row = json.loads(path.read_text(encoding="utf-8"))
-            tlx = directory / f"subject_{row['participant']:02d}_cond_{row['condition_number']:02d}_tlx.csv"
-        except (ValueError, KeyError, TypeError) as error:
-            raise DamagedFile(path, f"holds no measures of a trial ({error})") from None
+        row = _read_measures(path)
+        tlx = directory / f"subject_{row['participant']:02d}_cond_{row['condition_number']:02d}_tlx.csv"
         if tlx.exists():
-            with tlx.open(newline="", encoding="utf-8") as file:
-                (answers,) = csv.DictReader(file)
-            row |= {f"tlx_{name}": float(value) for name, value in answers.items()}
+            answers = read_workload(tlx)
+            row |= {f"tlx_{name}": value for name, value in answers._asdict().items()}
+            row["tlx_raw"] = answers.raw
         rows.append(row)
     return rows
 
 
-def _write_at_once(path: Path, text: str) -> None:
+def read_workload(path: Path) -> Workload:
+    """Return the answers that `Sitting.rate` kept; raise `DamagedFile`."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            (answers,) = csv.DictReader(file)
+        return Workload.of(**{name: float(answers[name]) for name in SCALES})
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
+        raise DamagedFile(
+            path, f"holds no answers on the six scales ({error}); rate it again, with --replace"
+        ) from None
+
+
+def write_at_once(path: Path, text: str) -> None:
     """Write a file so that it is there whole or not at all."""
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     partial.write_text(text, encoding="utf-8")
     partial.replace(path)
+
+
+def _read_measures(path: Path) -> dict[str, Any]:
+    try:
+        row = json.loads(path.read_text(encoding="utf-8"))
+        missing = [name for name in (*Trial._fields, "success") if name not in row]
+        if missing:
+            raise ValueError(f"without {', '.join(missing)}")
+        int(row["participant"]), int(row["condition_number"])
+    except (OSError, ValueError, TypeError) as error:
+        advice = "remove it, and the trial is done again"
+        raise DamagedFile(path, f"holds no measures of a trial ({error}); {advice}") from None
+    return row
+
+
+def _finite(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a flat row with null for what is no number: JSON has no other word for it."""
+    content = {name: plain(value) for name, value in row.items()}
+    return {
+        name: None if isinstance(value, float) and not isfinite(value) else value
+        for name, value in content.items()
+    }

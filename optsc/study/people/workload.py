@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -44,10 +44,24 @@ class Workload(NamedTuple):
                 raise InvalidValue(f"answer on {name}", value, "0 to 100")
         return cls(**answers)
 
+    @classmethod
+    def parse(cls, texts: Sequence[str]) -> Workload:
+        """Return the answers in six words, in the order of `SCALES`; raise `InvalidValue`."""
+        if len(texts) != len(SCALES):
+            raise InvalidValue("answers", " ".join(texts), f"six numbers: {', '.join(SCALES)}")
+        return cls.of(**{name: _number(name, text) for name, text in zip(SCALES, texts, strict=True)})
+
     @property
     def raw(self) -> float:
         """The raw score: the mean of the six scales, in [0, 100]."""
         return sum(self) / len(self)
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidValue(f"answer on {name}", text, "0 to 100") from None
 
 
 def ask_workload(ask: Callable[[str], str] = input, say: Callable[[str], None] = print) -> Workload:

@@ -1,0 +1,77 @@
+"""What the experiments with simulated people share: which cases there are, and where their rows are computed."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from optsc.cli.options import add_output, add_seed, add_setting
+from optsc.cli.progress import shown_progress
+
+
+def add_case_options(
+    parser: Any, *, robots: list[str], scenes: int, output: str, longest: float = 30.0
+) -> None:
+    """Add what every study asks: arms, scenes, people, follower, workers, output."""
+    arms = ", ".join(robots)
+    parser.add_argument("--robots", nargs="+", default=robots, metavar="NAME", help=f"arms (default {arms})")
+    parser.add_argument("--scenes", type=int, default=scenes, help=f"scenes for each arm (default {scenes})")
+    add_setting(parser, level="random")
+    parser.add_argument("--people", nargs="+", default=["typical"], metavar="KIND", help="kinds of operators")
+    parser.add_argument(
+        "--repetitions", type=int, default=1, help="people of each kind in a scene (default 1)"
+    )
+    parser.add_argument(
+        "--longest",
+        type=float,
+        default=longest,
+        help=f"seconds before it counts as failed (default {longest:g})",
+    )
+    add_seed(parser, "scenes and people")
+    parser.add_argument("--workers", type=int, help="processes (default: one for each core; 0: this one)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler that computes instead")
+    add_output(parser, output)
+
+
+def cases_of(options: argparse.Namespace) -> Any:
+    """Return the cases that the options of `add_case_options` ask for."""
+    from optsc.study.staging import Settings
+    from optsc.study.sweep.plan import Cases
+
+    return Cases(
+        tuple(options.robots),
+        options.scenes,
+        options.seed,
+        options.level,
+        options.objects,
+        tuple(options.people),
+        options.repetitions,
+        Settings(rate=options.rate, longest=options.longest, follower=options.follower),
+    )
+
+
+def executor_of(options: argparse.Namespace) -> Any:
+    """Return the context in which there is a Dask cluster, or None for processes of this machine."""
+    from contextlib import nullcontext
+
+    from optsc.study.sweep.runner import dask_executor
+
+    return dask_executor(options.scheduler) if options.scheduler else nullcontext()
+
+
+def compute(options: argparse.Namespace, jobs: Any, work: Any = None) -> Any:
+    """Return the rows of ``jobs``, computed where the options say, kept below the output folder."""
+    from optsc.study.outcomes import do
+    from optsc.study.sweep.runner import run_jobs
+    from optsc.study.sweep.store import RowStore
+
+    store = RowStore(options.output / "rows")
+    with executor_of(options) as executor:
+        return run_jobs(
+            jobs,
+            store,
+            executor=executor,
+            workers=options.workers,
+            on_progress=shown_progress(),
+            work=work or do,
+        )

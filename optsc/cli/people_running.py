@@ -1,0 +1,76 @@
+"""What happens at the terminal while a participant does trials."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+
+from optsc.cli.options import check_display
+from optsc.errors import InvalidValue
+from optsc.study.people import Hand, Sitting, StudyPlan, Trial, Workload, ask_workload, trial_runner
+
+
+def run_trials(plan: StudyPlan, sitting: Sitting, hand: Hand, options: argparse.Namespace) -> int:
+    """Carry out what the options of ``optsc study people run`` ask for, and return the exit code."""
+    remaining = sitting.remaining
+    if options.trials is not None and options.trials < 1:
+        raise InvalidValue("--trials", options.trials, "1 or more")
+    _check_same_hand(sitting, hand)
+    if not remaining:
+        print(f"participant {sitting.participant}: all trials are done")
+        _say_what_to_rate(sitting, options)
+        return 0
+    check_display(options)
+    run_trial = trial_runner(plan, hand, real_time=options.real_time, gui=options.gui)
+    for trial in remaining[: options.trials]:
+        if not options.all and trial.condition != remaining[0].condition:
+            break
+        scene = plan.scene(trial)
+        print(
+            f"participant {sitting.participant}, {sitting.announce(trial)}: take the {scene.goal}", flush=True
+        )
+        if hand.live and sys.stdin.isatty():
+            input("press Enter to begin ")
+        result = sitting.carry_out(trial, run_trial)
+        outcome = "done" if result.success else f"not done ({result.measures['ended']})"
+        print(f"  {outcome} after {len(result.run) / result.run.rate:.1f} s: {trial.file_name('run', 'npz')}")
+        if options.ask and _ends_block(sitting, trial):
+            sitting.rate(trial.condition, asked(trial.condition))
+    left = len(sitting.remaining)
+    print(f"trials left: {left}" if left else f"participant {sitting.participant}: all trials are done")
+    _say_what_to_rate(sitting, options)
+    return 0
+
+
+def asked(condition: str) -> Workload:
+    """Return what the person at the terminal answers about a condition; raise `InvalidValue` without one."""
+    print(f"about {condition}:")
+    try:
+        return ask_workload(input)
+    except EOFError:
+        raise InvalidValue(
+            "answers",
+            None,
+            "six numbers after --answers of `optsc study people rate`, or a terminal to ask at",
+        ) from None
+
+
+def _ends_block(sitting: Sitting, trial: Trial) -> bool:
+    return any(block.condition == trial.condition for block in sitting.unrated)
+
+
+def _check_same_hand(sitting: Sitting, hand: Hand) -> None:
+    """Raise `InvalidValue` where the sitting was begun by another kind of hand: a rehearsal is no data."""
+    for block in sitting.blocks:
+        for trial in block.trials:
+            row = sitting.row(trial)
+            if row is not None and row.get("operator") != hand.kind:
+                began = f"{row.get('operator')}, as in {trial.file_name('measures', 'json')}"
+                raise InvalidValue("--operator", hand.kind, f"{began}; rehearse in a folder of its own")
+
+
+def _say_what_to_rate(sitting: Sitting, options: argparse.Namespace) -> None:
+    for block in sitting.unrated:
+        rest = ["--participant", str(sitting.participant), "--condition", block.condition]
+        print("to be rated: " + shlex.join(["optsc", "study", "people", "rate", str(options.study), *rest]))
