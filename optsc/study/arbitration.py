@@ -6,7 +6,7 @@ its own, from the first sample to the object that is carried or the end of patie
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import nan
@@ -15,17 +15,15 @@ from typing import Any
 import numpy as np
 
 from optsc.control.arbitration import POLICIES, Arbitration, Trigger, make_policy
-from optsc.control.controller import SharedController
 from optsc.control.modes import Mode
-from optsc.followers import IdealFollower, PyBulletFollower
+from optsc.followers import Follower
 from optsc.metrics import Motion, summarise
 from optsc.metrics.summary import worst_jumps
-from optsc.operators import ClutchSettings
+from optsc.operators import Operator
 from optsc.operators.simulated import R_WS_DEFAULT
-from optsc.records import Run
+from optsc.records import Run, Tick
 from optsc.session import run
-from optsc.study.conditions import DEFAULT_MEASURE, Person
-from optsc.study.fresh import FreshSelector
+from optsc.study.conditions import Person
 from optsc.study.keys import key, plain
 from optsc.study.lifting import is_lifted
 from optsc.study.outcomes import Row, case_labels, nearest_to
@@ -91,38 +89,40 @@ def do_policies(job: PolicyJob) -> list[Row]:
     stage = Stage(job.scene, job.settings)
     rows = []
     for condition, row_key in zip(job.conditions, job.keys(), strict=True):
-        rows.append({"key": row_key, **outcome(stage, play(stage, job.person, condition.policy))})
+        rows.append({"key": row_key, **outcome(stage, simulated(stage, job.person, condition.policy))})
     return rows
 
 
-def play(stage: Stage, person: Person, policy: Arbitration) -> Run:
-    """Return the run of one episode under ``policy``; who has to grasp by hand does."""
-    settings, approach = stage.settings, stage.settings.approach
-    selector = FreshSelector(stage.robot, stage.paper.rule, DEFAULT_MEASURE, approach)
-    controller = SharedController(
-        stage.robot,
-        selector,
-        arbitration=policy,
-        approach=approach,
-        clutch=ClutchSettings(R_WS=R_WS_DEFAULT),
-    )
+def simulated(stage: Stage, person: Person, policy: Arbitration) -> Run:
+    """Return the run of one episode of a simulated person under ``policy``; who has to grasp by hand does."""
     by_hand = policy.trigger is Trigger.GRASPS
-    physical = settings.follower == "pybullet"
-    with (
-        PyBulletFollower(stage.world)
-        if physical
-        else IdealFollower(stage.robot, stage.world.X_WO) as follower
-    ):
-        return run(
-            controller,
-            operator=person.operator(stage.scene.goal, stage.scene.objects, by_hand=by_hand),
-            follower=follower,
-            candidates=stage.candidates,
-            clear=stage.clear,
-            rate=settings.rate,
-            duration=settings.longest,
-            about={"policy": policy.name, "goal": stage.scene.goal},
-        )
+    operator = person.operator(stage.scene.goal, stage.scene.objects, by_hand=by_hand)
+    with stage.follower() as follower:
+        return play(stage, policy, operator, follower, duration=stage.settings.longest)
+
+
+def play(
+    stage: Stage,
+    policy: Arbitration,
+    operator: Operator,
+    follower: Follower,
+    *,
+    duration: float,
+    about: Mapping[str, Any] | None = None,
+    on_tick: Callable[[Tick], None] | None = None,
+) -> Run:
+    """Return the run of one episode under ``policy``, the grasp chosen as the paper does; see `optsc.session.run`."""
+    return run(
+        stage.controller(stage.paper, arbitration=policy),
+        operator=operator,
+        follower=follower,
+        candidates=stage.candidates,
+        clear=stage.clear,
+        rate=stage.settings.rate,
+        duration=duration,
+        about={"policy": policy.name, "goal": stage.scene.goal, **(about or {})},
+        on_tick=on_tick,
+    )
 
 
 def outcome(stage: Stage, ticks: Run) -> Row:

@@ -9,7 +9,7 @@ import numpy as np
 
 from optsc.metrics import Motion
 from optsc.records import Run
-from optsc.study.arbitration import PolicyJob, play
+from optsc.study.arbitration import PolicyJob, simulated
 from optsc.study.outcomes import Row
 from optsc.study.staging import Stage
 from optsc.study.statistics import bootstrap, mean_of, paired_difference, share_interval
@@ -129,7 +129,7 @@ def _motions(rows: Sequence[Row], jobs: Sequence[PolicyJob]) -> list[Picture | s
         return ["There is no case in which every policy succeeds."]
     stage = Stage(job.scene, job.settings)
     objects = {name: (model.parts, stage.world.X_WO[name]) for name, model in stage.world.objects.items()}
-    paths = [path_of(stage, play(stage, job.person, c.policy), c.name) for c in job.conditions]
+    paths = [path_of(stage, simulated(stage, job.person, c.policy), c.name) for c in job.conditions]
     title = f"{job.scene.robot}, scene {job.scene.seed}, {job.scene.goal}, {job.person.kind}"
     words = f"{title}: who led when, from the first sample to the object that is carried."
     pictures: list[Picture | str] = [Picture("timelines", timelines(paths), words)]

@@ -11,7 +11,7 @@ import numpy as np
 from optsc.control.controller import ControlStep, SharedController
 from optsc.control.modes import Mode
 from optsc.errors import InvalidValue
-from optsc.followers import Follower, IdealFollower, PyBulletFollower
+from optsc.followers import Follower
 from optsc.followers.protocol import FollowerState
 from optsc.geometry import Pose
 from optsc.operators import Operator, OperatorSample, OperatorView
@@ -53,10 +53,7 @@ class Leading:
         self.track = Track(stage.robot, stage.settings.rate)
         self._operator = person.operator(stage.scene.goal, stage.scene.objects)
         robot, settings = stage.robot, stage.settings
-        physical = settings.follower == "pybullet"
-        self._follower: Follower = (
-            PyBulletFollower(stage.world) if physical else IdealFollower(robot, stage.world.X_WO)
-        )
+        self._follower: Follower = stage.follower()
         self.controller.reset(robot.home, settings.rate)
         self._measured = self._follower.reset(robot.home)
         self.controller.observe(stage.candidates, stage.clear)

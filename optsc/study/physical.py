@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from optsc.control.modes import Mode
-from optsc.followers import PyBulletFollower
 from optsc.session import run
 from optsc.study.conditions import Condition, Person
 from optsc.study.leading import ending
@@ -23,7 +22,7 @@ LONGEST_MOTION = 30.0
 
 def execute_physically(stage: Stage, person: Person, condition: Condition) -> tuple[Track, str, bool]:
     """Return the track up to the end of the first automatic motion, how that ended, and whether the goal was lifted."""
-    with PyBulletFollower(stage.world) as follower:
+    with stage.follower() as follower:
         whole = run(
             stage.controller(condition, stage.tables),
             operator=person.operator(stage.scene.goal, stage.scene.objects),

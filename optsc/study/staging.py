@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from optsc.control.approach import Approach
+from optsc.control.arbitration import Arbitration
 from optsc.control.controller import SharedController
 from optsc.errors import InvalidValue, UnknownName
+from optsc.followers import IdealFollower
 from optsc.operators import ClutchSettings
 from optsc.operators.simulated import R_WS_DEFAULT
 from optsc.robot import RobotModel
@@ -20,6 +23,9 @@ from optsc.study.fresh import FreshSelector, Tables
 from optsc.study.keys import key
 from optsc.study.libraries import grasps_hash, library_of
 from optsc.study.scenes import Scene, arm
+
+if TYPE_CHECKING:
+    from optsc.followers.bullet import PyBulletFollower
 
 ENGINE = 2
 """Version of what a row means; part of every key, raised whenever rows of equal settings would differ."""
@@ -79,10 +85,22 @@ class Stage:
         self.tables = Tables()
         self.paper = PAPER
 
-    def controller(self, condition: Condition, tables: Tables | None = None) -> SharedController:
+    def controller(
+        self, condition: Condition, tables: Tables | None = None, arbitration: Arbitration | None = None
+    ) -> SharedController:
         """Return a controller for ``condition``, with solved tables of its own unless given some."""
         approach = self.settings.approach
         selector = FreshSelector(self.robot, condition.rule, condition.measure, approach, tables)
+        clutch = ClutchSettings(R_WS=R_WS_DEFAULT)
         return SharedController(
-            self.robot, selector, approach=approach, clutch=ClutchSettings(R_WS=R_WS_DEFAULT)
+            self.robot, selector, arbitration=arbitration, approach=approach, clutch=clutch
         )
+
+    def follower(self, *, gui: bool = False) -> IdealFollower | PyBulletFollower:
+        """Return a new follower of the kind that the settings name; it needs closing."""
+        if self.settings.follower == "ideal":
+            return IdealFollower(self.robot, self.world.X_WO)
+        # Whoever needs no physics need not load the engine.
+        from optsc.followers.bullet import PyBulletFollower
+
+        return PyBulletFollower(self.world, gui=gui)

@@ -8,16 +8,10 @@ from functools import partial
 from typing import Any
 
 from optsc.control.arbitration import Arbitration, Trigger, make_policy
-from optsc.control.controller import SharedController
 from optsc.errors import InvalidValue
-from optsc.followers import Follower, IdealFollower, PyBulletFollower
-from optsc.operators import ClutchSettings
-from optsc.operators.simulated import R_WS_DEFAULT
+from optsc.followers import Follower
 from optsc.records import Tick
-from optsc.session import run
-from optsc.study.arbitration import PolicyCondition, outcome
-from optsc.study.conditions import DEFAULT_MEASURE
-from optsc.study.fresh import FreshSelector
+from optsc.study.arbitration import PolicyCondition, outcome, play
 from optsc.study.people.design import Trial
 from optsc.study.people.hands import Hand, Situation
 from optsc.study.people.live import PacedFollower
@@ -71,31 +65,15 @@ def _carry_out(
     policy = make_policy(trial.condition)
     situation = Situation(trial, stage.scene, policy.trigger is Trigger.GRASPS)
     labels = _labels(plan, stage, policy, hand)
-    about = {"policy": policy.name, "goal": stage.scene.goal, **trial._asdict(), "operator": hand.kind}
-    with _follower(stage, gui) as simulated:
+    about = {**trial._asdict(), "operator": hand.kind}
+    with stage.follower(gui=gui) as simulated:
         follower: Follower = PacedFollower(simulated) if paced else simulated
-        ticks = run(
-            _controller(stage, policy),
-            operator=hand.operator(situation),
-            follower=follower,
-            candidates=stage.candidates,
-            clear=stage.clear,
-            rate=plan.rate,
-            duration=time_limit,
-            about=about,
-            on_tick=on_tick,
-        )
+        operator = hand.operator(situation)
+        ticks = play(stage, policy, operator, follower, duration=time_limit, about=about, on_tick=on_tick)
         if isinstance(follower, PacedFollower):
             labels["time_lost_s"] = follower.lost
     row = outcome(stage, ticks)
     return TrialResult(ticks, bool(row.pop("success")), {**labels, **row})
-
-
-def _controller(stage: Stage, policy: Arbitration) -> SharedController:
-    approach = stage.settings.approach
-    selector = FreshSelector(stage.robot, stage.paper.rule, DEFAULT_MEASURE, approach)
-    clutch = ClutchSettings(R_WS=R_WS_DEFAULT)
-    return SharedController(stage.robot, selector, arbitration=policy, approach=approach, clutch=clutch)
 
 
 def _labels(plan: StudyPlan, stage: Stage, policy: Arbitration, hand: Hand) -> dict[str, Any]:
@@ -114,9 +92,3 @@ def _labels(plan: StudyPlan, stage: Stage, policy: Arbitration, hand: Hand) -> d
     return (
         {**facts, "began": datetime.now(timezone.utc).isoformat(timespec="seconds")} if hand.live else facts
     )
-
-
-def _follower(stage: Stage, gui: bool) -> IdealFollower | PyBulletFollower:
-    if stage.settings.follower == "pybullet":
-        return PyBulletFollower(stage.world, gui=gui)
-    return IdealFollower(stage.robot, stage.world.X_WO)
