@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.control.controller import SharedController
+from optsc.control.controller import ControlStep, SharedController
 from optsc.errors import InvalidValue
 from optsc.followers.protocol import Follower, FollowerState
 from optsc.geometry import Pose
@@ -70,15 +71,9 @@ def run(
     ticks: list[Tick] = []
     updates: dict[int, SceneUpdate] = {}
     period, next_look = 1.0 / rate, watch_period
-    automatic = finished = False
-    target: str | None = None
-    ranking: Ranking | None = None
-    grasps: Mapping[str, Pose] = {}
-    # A collection in the middle of a tick costs more than the tick; what the loop makes has no cycles.
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        while controller.time < duration and not finished:
+    display = _Display(controller)
+    with _uncollected():
+        while controller.time < duration and not controller.finished:
             objects = follower.objects()
             if watch is not None and controller.time >= next_look - 0.5 * period:
                 next_look += watch_period
@@ -86,26 +81,56 @@ def run(
                 if update is not None:
                     updates[len(ticks)] = update
                     controller.observe(*update)
-            X_WT = controller.robot.forward(measured.q)
-            if controller.ranking is not ranking:
-                ranking = controller.ranking
-                grasps = controller.shown
-            view = OperatorView(controller.time, X_WT, automatic, finished, objects, grasps, target)
-            sample = operator.read(view)
+            sample = operator.read(display.view(measured, objects))
             before = perf_counter()
             step = controller.step(sample, measured)
             elapsed = perf_counter() - before
-            automatic, finished = step.mode.automatic, controller.finished
-            target = _seen_target(step.target, objects) if automatic and step.target is not None else None
+            display.step = step
             ticks.append(Tick(sample, measured, step, objects, elapsed))
             measured = follower.apply(step.command.q, step.command.v, step.opening, period)
             if on_tick is not None:
                 on_tick(ticks[-1])
+    facts = {"robot": controller.robot.name, "start": q.tolist(), **(about or {})}
+    return Run(rate, tuple(ticks), facts, updates)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Keep the garbage collector out: it costs more than a tick, and what the loop makes has no cycles."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
     finally:
         if collecting:
             gc.enable()
-    facts = {"robot": controller.robot.name, "start": q.tolist(), **(about or {})}
-    return Run(rate, tuple(ticks), facts, updates)
+
+
+class _Display:
+    """What the operator is shown; grasps are placed anew only when they have been ranked anew.
+
+    Attributes:
+        step: the controller's last one.
+    """
+
+    def __init__(self, controller: SharedController) -> None:
+        self._controller = controller
+        self.step: ControlStep | None = None
+        self._ranking: Ranking | None = None
+        self._grasps: Mapping[str, Pose] = {}
+
+    def view(self, measured: FollowerState, objects: Mapping[str, Pose]) -> OperatorView:
+        """Return what there is to see now."""
+        controller, step = self._controller, self.step
+        if controller.ranking is not self._ranking:
+            self._ranking, self._grasps = controller.ranking, controller.shown
+        automatic = step is not None and step.mode.automatic
+        goes_for = step.target if step is not None and automatic else None
+        target = None if goes_for is None else _seen_target(goes_for, objects)
+        X_WT = controller.robot.forward(measured.q)
+        return OperatorView(
+            controller.time, X_WT, automatic, controller.finished, objects, self._grasps, target
+        )
 
 
 def _seen_target(target: Target, objects: Mapping[str, Pose]) -> str:

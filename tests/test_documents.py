@@ -36,6 +36,7 @@ def test_every_example_runs(path, tmp_path):
 
 def test_links_between_documents_lead_somewhere():
     pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").glob("*.md")]
+    pages.append(ROOT / "benchmarks" / "README.md")
     for page in pages:
         for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
             assert link.startswith("http") or (page.parent / link).exists(), f"{page.name} links to {link}"
