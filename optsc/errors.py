@@ -64,6 +64,18 @@ def require_positive(owner: str, values: Mapping[str, float]) -> None:
             raise InvalidValue(f"{owner}.{name}", value, "finite, above 0")
 
 
+def require_pair(owner: str, values: Mapping[str, tuple[float, float]]) -> None:
+    """Raise `InvalidValue` for the first of ``values`` that is not two finite numbers above 0.
+
+    Args:
+        owner: whose values they are; it comes first in the field's name.
+        values: by field name; of a translation and a rotation, for example.
+    """
+    for name, value in values.items():
+        if len(value) != 2 or not all(x > 0.0 and math.isfinite(x) for x in value):
+            raise InvalidValue(f"{owner}.{name}", value, "two finite numbers above 0")
+
+
 def require_within(
     owner: str, values: Mapping[str, float], ranges: Mapping[str, tuple[float, float]]
 ) -> None:

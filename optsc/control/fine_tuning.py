@@ -8,14 +8,14 @@ taken over.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot, isfinite
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
 
 from optsc.control.approach import Approach, PathTarget
 from optsc.control.rollout import can_travel
-from optsc.errors import InvalidValue
+from optsc.errors import require_pair, require_positive
 from optsc.geometry import Pose, scalar
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.grasps import Candidates
@@ -49,12 +49,8 @@ class FineTuning:
     wait: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("scale", "most", "speed"):
-            value = getattr(self, name)
-            if len(value) != 2 or not all(isfinite(x) and x > 0 for x in value):
-                raise InvalidValue(name, value, "two positive numbers")
-        if not (isfinite(self.period) and self.period > 0):
-            raise InvalidValue("period", self.period, "positive and finite [s]")
+        require_pair("FineTuning", {"scale": self.scale, "most": self.most, "speed": self.speed})
+        require_positive("FineTuning", {"period": self.period})
 
 
 class Scene(NamedTuple):

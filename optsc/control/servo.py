@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.control.diagnosis import lost_direction, towards
-from optsc.errors import InvalidValue
+from optsc.errors import InvalidValue, require_pair
 from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
@@ -125,10 +125,7 @@ class ServoSettings:
             raise InvalidValue("lag", self.lag, "finite and not negative [s]")
         if not 0.0 <= self.led <= 1.0:
             raise InvalidValue("led", self.led, "a share, 0 to 1")
-        for name in ("catching_up", "far"):
-            value = getattr(self, name)
-            if len(value) != 2 or not all(np.isfinite(x) and x > 0 for x in value):
-                raise InvalidValue(name, value, "two positive numbers")
+        require_pair("ServoSettings", {"catching_up": self.catching_up, "far": self.far})
 
 
 _PARTS = (ReferenceSettings.LINEAR, ReferenceSettings.ANGULAR)

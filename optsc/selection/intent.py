@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optsc.errors import InvalidValue
+from optsc.errors import InvalidValue, require_pair
 from optsc.geometry import rotation
 from optsc.geometry.rotation import Array
 from optsc.selection.reach import REACHED, ReachTable
@@ -94,8 +94,7 @@ class IntentSettings:
             raise InvalidValue("leak", self.leak, "from 0 up to 1")
         if not 0.5 <= self.cap < 1.0:
             raise InvalidValue("cap", self.cap, "from 0.5 up to 1")
-        if len(self.dead_band) != 2 or not all(isfinite(x) and x > 0 for x in self.dead_band):
-            raise InvalidValue("dead_band", self.dead_band, "two positive numbers [m, rad]")
+        require_pair("IntentSettings", {"dead_band": self.dead_band})
 
 
 @dataclass(frozen=True, eq=False)

@@ -165,7 +165,7 @@ def test_an_unknown_policy_is_refused_with_the_names_there_are():
     ("policy", "bad"),
     [
         (LinearBlending, {"low": 0.9, "high": 0.8}),
-        (LinearBlending, {"most": 0.0}),
+        (LinearBlending, {"most": -0.1}),
         (LinearBlending, {"rate": 0.0}),
         (Continuous, {"reach": 0.0}),
         (Continuous, {"most": 1.1}),

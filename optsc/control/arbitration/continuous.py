@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import hypot
 from typing import ClassVar
 
 from optsc.control.arbitration.interface import (
@@ -15,7 +15,7 @@ from optsc.control.arbitration.interface import (
     Moment,
 )
 from optsc.control.arbitration.motions import blended, offset
-from optsc.errors import InvalidValue
+from optsc.errors import require_positive, require_within
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,8 @@ class Continuous(Arbitration):
     name: ClassVar[str] = "continuous"
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.reach) and self.reach > 0):
-            raise InvalidValue("reach", self.reach, "positive and finite [m]")
-        if not 0.0 < self.most <= 1.0:
-            raise InvalidValue("most", self.most, "above 0, up to 1")
-        if not self.rate > 0.0:
-            raise InvalidValue("rate", self.rate, "above 0 [1/s]")
+        require_positive("Continuous", {"reach": self.reach, "rate": self.rate})
+        require_within("Continuous", {"most": self.most}, {"most": (0.0, 1.0)})
 
     def aim(self, goal: Goal) -> GraspPose:
         """Return the grasp of greatest manipulability."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import hypot
 from typing import ClassVar
 
 import numpy as np
 
 from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Moment
 from optsc.control.arbitration.motions import offset, towards
-from optsc.errors import InvalidValue
+from optsc.errors import require_pair
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Vector
 
@@ -39,10 +39,8 @@ class ProductOfExperts(Arbitration):
     name: ClassVar[str] = "product of experts"
 
     def __post_init__(self) -> None:
-        for field_name in ("hand", "across", "along"):
-            value = getattr(self, field_name)
-            if len(value) != 2 or not all(isfinite(x) and x > 0 for x in value):
-                raise InvalidValue(field_name, value, "two positive numbers [m/s, rad/s]")
+        pairs = {"hand": self.hand, "across": self.across, "along": self.along}
+        require_pair("ProductOfExperts", pairs)
 
     def blend(self, moment: Moment) -> Blend:
         """Return A = Lambda^-1 Lambda_h and r = Lambda^-1 sum_g beta_g Lambda_g u_g."""

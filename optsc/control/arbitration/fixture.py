@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import hypot
 from typing import ClassVar
 
 import numpy as np
 
 from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Moment
 from optsc.control.arbitration.motions import limited, offset, ramp
-from optsc.errors import InvalidValue
+from optsc.errors import InvalidValue, require_pair, require_positive, require_within
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Vector
 
@@ -40,14 +40,11 @@ class VirtualFixture(Arbitration):
     name: ClassVar[str] = "virtual fixture"
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.k_tau <= 1.0:
-            raise InvalidValue("k_tau", self.k_tau, "from 0 to 1")
+        require_within("VirtualFixture", {"k_tau": self.k_tau}, {"k_tau": (0.0, 1.0)})
         if not 0.0 <= self.low <= self.high <= 1.0:
             raise InvalidValue("low, high", (self.low, self.high), "0 <= low <= high <= 1")
-        if len(self.near) != 2 or not all(isfinite(x) and x > 0 for x in self.near):
-            raise InvalidValue("near", self.near, "two positive numbers [m, rad]")
-        if not self.rate > 0.0:
-            raise InvalidValue("rate", self.rate, "above 0 [1/s]")
+        require_pair("VirtualFixture", {"near": self.near})
+        require_positive("VirtualFixture", {"rate": self.rate})
 
     def blend(self, moment: Moment) -> Blend:
         """Return A = I - hold (1 - k_tau) (I - [D]) and r = 0; the share is hold (1 - k_tau)."""

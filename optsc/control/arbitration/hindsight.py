@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import hypot, isfinite, pi
+from math import hypot, pi
 from typing import ClassVar
 
 import numpy as np
 
 from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Moment
 from optsc.control.arbitration.motions import offset
-from optsc.errors import InvalidValue
+from optsc.errors import require_pair
 from optsc.geometry.scalar import Vector
 from optsc.selection.intent import HuberCost, IntentSettings
 
@@ -39,10 +39,7 @@ class Hindsight(Arbitration):
     name: ClassVar[str] = "hindsight optimisation"
 
     def __post_init__(self) -> None:
-        for field_name in ("dampings", "near"):
-            value = getattr(self, field_name)
-            if len(value) != 2 or not all(isfinite(x) and x > 0 for x in value):
-                raise InvalidValue(field_name, value, "two positive numbers")
+        require_pair("Hindsight", {"dampings": self.dampings, "near": self.near})
 
     def blend(self, moment: Moment) -> Blend:
         """Return A = I and r = sum_g b_g a_g; the share is the probability of the most probable object."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Moment
 from optsc.control.arbitration.motions import blended, ramp
-from optsc.errors import InvalidValue
+from optsc.errors import InvalidValue, require_positive, require_within
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,8 @@ class LinearBlending(Arbitration):
     def __post_init__(self) -> None:
         if not 0.0 <= self.low <= self.high <= 1.0:
             raise InvalidValue("low, high", (self.low, self.high), "0 <= low <= high <= 1")
-        if not 0.0 < self.most <= 1.0:
-            raise InvalidValue("most", self.most, "above 0, up to 1")
-        if not self.rate > 0.0:
-            raise InvalidValue("rate", self.rate, "above 0 [1/s]")
+        require_positive("LinearBlending", {"rate": self.rate})
+        require_within("LinearBlending", {"most": self.most}, {"most": (0.0, 1.0)})
 
     def blend(self, moment: Moment) -> Blend:
         """Return A = (1 - alpha) I and r = alpha u_r."""
