@@ -16,7 +16,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -66,31 +66,40 @@ def share(successes: int, trials: int) -> str:
     return f"{successes / trials:.2f} ({low:.2f}-{high:.2f}, n={trials})"
 
 
+class Stopwatch:
+    """Elapsed and processor time since it was made [s]."""
+
+    def __init__(self) -> None:
+        self._start, self._cpu = perf_counter(), process_time()
+
+    @property
+    def read(self) -> tuple[float, float]:
+        """Elapsed time, processor time."""
+        return perf_counter() - self._start, process_time() - self._cpu
+
+
 def sources(
     model: ObjectModel, view: View | None, seed: int
-) -> Iterator[tuple[str, GraspSet, Tally, Pose, float]]:
-    """Yield for each source: its name, the grasps, what was left after each check, X_OU, seconds."""
-    name, tally, start = model.name, Tally(keep=True), perf_counter()
+) -> Iterator[tuple[str, GraspSet, Tally, Pose, tuple[float, float]]]:
+    """Yield for each source: its name, the grasps, what was left after each check, X_OU, elapsed and processor s."""
+    name, tally, watch = model.name, Tally(keep=True), Stopwatch()
     grasps = sample_grasps(model.mesh, PANDA_HAND, name=name, seed=seed, tally=tally)
-    yield "mesh", grasps, tally, Pose.identity(), perf_counter() - start
+    yield "mesh", grasps, tally, Pose.identity(), watch.read
     if view is None:
         return
-    template = template_from_mesh(name, model.mesh)
+    template = template_from_mesh(name, model.mesh, keep=True)
     found = register(view.segment, [template], view.image, seed=seed)
     if found.X_WO is not None:
-        cloud, tally, start = (
-            completed(view.segment.cloud, template, found.X_WO),
-            Tally(keep=True),
-            perf_counter(),
-        )
+        tally, watch = Tally(keep=True), Stopwatch()
+        cloud = completed(view.segment.cloud, template, found.X_WO)
         # A box is the same upside down: the pose that was found says where up is, and the table.
         up, height = found.X_WO.inverse().rotation_matrix()[:, 2], -float(found.X_WO.translation[2])
         grasps = detect_grasps(cloud, PANDA_HAND, name=name, seed=seed, support=height, up=up, tally=tally)
-        yield "completed cloud", grasps, tally, view.X_WO.inverse() @ found.X_WO, perf_counter() - start
+        yield "completed cloud", grasps, tally, view.X_WO.inverse() @ found.X_WO, watch.read
     cloud, eye, X_WU = view.raw()
-    tally, start = Tally(keep=True), perf_counter()
+    tally, watch = Tally(keep=True), Stopwatch()
     grasps = detect_grasps(cloud, PANDA_HAND, name=name, seed=seed, support=0.0, viewpoint=eye, tally=tally)
-    yield "raw cloud", grasps, tally, view.X_WO.inverse() @ X_WU, perf_counter() - start
+    yield "raw cloud", grasps, tally, view.X_WO.inverse() @ X_WU, watch.read
 
 
 def at_poses(grasps: GraspSet, X_OG: Pose) -> GraspSet:
@@ -201,25 +210,29 @@ def _seconds(values: list[float]) -> str:
 def timing(options: argparse.Namespace, robot: RobotModel) -> tuple[dict[str, Any], str]:
     """Time building 150 grasps and trying them; return the numbers and the table."""
     rows, facts = [], {}
-    for name in OBJECT_NAMES:
+    for name in options.names:
         model = object_model(name)
         row = {}
-        for source, grasps, _, X_OU, seconds in sources(
+        for source, grasps, _, X_OU, (seconds, cpu) in sources(
             model, single_view(robot, model, options.seed), options.seed
         ):
-            start = perf_counter()
-            outcome = try_in_parallel(model, grasps.moved(X_OU), workers=options.workers)
-            row[source] = (len(grasps), seconds, perf_counter() - start, int(outcome.lifted.sum()))
+            row[source] = {"grasps": len(grasps), "seconds": seconds, "cpu_s": cpu}
+            if not options.untried:
+                start = perf_counter()
+                outcome = try_in_parallel(model, grasps.moved(X_OU), workers=options.workers)
+                row[source] |= {"held": int(outcome.lifted.sum()), "trial_seconds": perf_counter() - start}
+            print(f"{name}, {source}: {row[source]}", flush=True)
         facts[name] = row
-        cells = [row.get(source) for source in SOURCES]
-        rows.append(
-            [
-                name,
-                *(f"{c[0]} in {c[1]:.2f} s; {c[3]} hold; tried in {c[2]:.1f} s" if c else "-" for c in cells),
-            ]
-        )
+        rows.append([name, *(_built(row[source]) if source in row else "-" for source in SOURCES)])
     header = ["object", *(f"{source}: grasps" for source in SOURCES)]
     return {"workers": options.workers, "objects": facts}, markdown_table(header, rows)
+
+
+def _built(row: dict[str, Any]) -> str:
+    words = f"{row['grasps']} in {row['seconds']:.2f} s (processor {row['cpu_s']:.2f} s)"
+    return (
+        words if "held" not in row else f"{words}; {row['held']} hold; tried in {row['trial_seconds']:.1f} s"
+    )
 
 
 PARTS = {"filters": filters, "unknown": unknown, "time": timing}
@@ -238,6 +251,8 @@ def main() -> None:
     )
     parser.add_argument("--objects", type=int, default=50, help="how many unknown objects, at most 1000")
     parser.add_argument("--per-object", type=int, default=10, help="grasps tried per unknown object")
+    parser.add_argument("--names", nargs="+", default=OBJECT_NAMES, choices=OBJECT_NAMES, help="to be timed")
+    parser.add_argument("--untried", action="store_true", help="time building alone")
     parser.add_argument("--robot", default="panda", help="the arm that stands in the image")
     parser.add_argument("--output", type=Path, help="where numbers and table go")
     options = parser.parse_args()
@@ -248,6 +263,7 @@ def main() -> None:
     command += {
         "filters": f" --per-filter {options.per_filter}",
         "unknown": f" --objects {options.objects}",
+        "time": f" --names {' '.join(options.names)}" + " --untried" * options.untried,
     }.get(options.part, "")
     save(options.output, f"grasps_{options.part}", facts, text, command)
 

@@ -88,6 +88,9 @@ def paired(summaries):
             and row["paper"][measure] is not None
             and row["manipulability"][measure] is not None
         ]
+        if not pairs:  # a few scenes may have none
+            result[measure] = {"pairs": 0}
+            continue
         a, b = np.array(pairs).T
         result[measure] = {
             "pairs": len(pairs),
@@ -124,7 +127,8 @@ def main():
                 s: [row[s]["lifted"] for row in summary["objects"].values()]
                 for s in ("paper", "manipulability")
             }
-            print(f"seed {summary['seed']}: lifted {lifts}, {summary['ticks']} ticks", flush=True)
+            candidates = {name: row["candidates"] for name, row in summary["objects"].items()}
+            print(f"seed {summary['seed']}: lifted {lifts}, grasps {candidates}", flush=True)
     rows = [row for summary in summaries for row in summary["objects"].values()]
     report = {
         "robot": options.robot,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from optsc.control.approach import Approach
 from optsc.control.arbitration.interface import Goal, GraspPose
-from optsc.control.rollout import can_travel, whole_way
+from optsc.control.rollout import Outlook, best_way, outlook
 from optsc.control.servo import Servo
 from optsc.geometry import Pose, rotation, scalar
 from optsc.grasps import Candidates
@@ -192,7 +192,8 @@ class Choosing:
     def choose(self, servo: Servo, hand: Hand | None, clutch: ClutchSettings) -> str:
         """Rank against the hand as it is now and fix the target; otherwise say why there is none.
 
-        The target is the best grasp that the arm can go to, and lift from, on the straight ways it will be sent along.
+        The target is the best grasp that the arm can go to, and lift from, on the straight ways it will be sent
+        along; one on whose ways it touches nothing, if there is any.
         """
         if self.candidates is None:
             return "there are no grasps"
@@ -201,22 +202,27 @@ class Choosing:
         if ranking is None or ranking.best is None:
             return "no grasp can be reached"
         self._others = ranking.of(ranking.best)[:CHOICES].tolist()
-        return (
-            self.next(servo) and f"no grasp of the {ranking.best} can be reached and lifted on a straight way"
-        )
+        words = f"no grasp of the {ranking.best} can be reached, and lifted from, on a straight way"
+        return self.next(servo) and words
 
     def next(self, servo: Servo) -> str:
         """Take the next best grasp of the choice that was made last; say why where there is none left."""
         p, q = servo.reference
         start, posture = Pose(np.array(q), np.array(p)), servo.guard.q.copy()
-        ranking = self.ranking
-        while ranking is not None and self._others:
-            target = ranking.target_of(self._others.pop(0))
-            way = whole_way(self.approach, start, target.X_WP, target.X_WG)
-            if can_travel(self.robot, self.approach, posture, way):
-                self.target = target
+        ranking, candidates = self.ranking, self.candidates
+        if ranking is not None and candidates is not None:
+
+            def seen(row: int) -> Outlook:
+                target = ranking.target_of(row)
+                return outlook(self.robot, self.approach, posture, start, target, candidates, self.clear)
+
+            chosen = best_way(self._others, seen)
+            if chosen is not None:
+                self._others = self._others[self._others.index(chosen) + 1 :]
+                self.target = ranking.target_of(chosen)
                 return ""
-        return "there is no other grasp that can be reached and lifted on a straight way"
+        self._others = []
+        return "there is no other grasp that can be reached, and lifted from, on a straight way"
 
     def veto(self, target: Target | None) -> str:
         """Offer this grasp no more until the scene changes; by default the one that is shown. Say what was done."""

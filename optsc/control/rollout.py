@@ -1,17 +1,116 @@
-"""Looking ahead: whether the arm can go where it is about to be sent."""
+"""Looking ahead: whether the arm can go where it is about to be sent, and what it would touch on the way."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from enum import IntEnum
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
 from optsc.control.approach import Approach
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.grasps import Candidates
 from optsc.robot import RobotModel
 from optsc.robot.ways import walk_straight
+from optsc.selection import Target
+from optsc.selection.reach import ClearRows
+
+_Item = TypeVar("_Item")
+
+BRISK = 0.5
+"""Share of a joint's velocity limit (ours): a servo that is damped near singularities lags behind beyond it."""
+
+
+class Outlook(IntEnum):
+    """What a straight way to a grasp, and up from there, holds in store; the less, the better."""
+
+    FREE = 0
+    """The arm can go it, and touches nothing."""
+    BRISK = 1
+    """The same, but some joint comes near its greatest speed, as it does near a singularity."""
+    TOUCHING = 2
+    """The arm can go it, but would touch something."""
+    SHUT = 3
+    """The arm cannot go it."""
+
+
+def best_way(items: Iterable[_Item], outlook: Callable[[_Item], Outlook]) -> _Item | None:
+    """Return the first item with a free way, without any the first with the next best outlook, else None.
+
+    A way that would touch something is better than none: what is known of a scene errs on the careful side, and the
+    operator sees what happens.
+    """
+    best, taken = Outlook.SHUT, None
+    for item in items:
+        found = outlook(item)
+        if found < best:
+            best, taken = found, item
+        if best is Outlook.FREE:
+            break
+    return taken
+
+
+def whole_way(settings: Approach, X_WT: Pose, X_WP: Pose, X_WG: Pose) -> list[Pose]:
+    """Return the poses between which the robot moves straight to carry out a grasp, from X_WT on.
+
+    The lift belongs to it: with an object in the hand there is no other grasp to go to.
+
+    Args:
+        settings: how the robot moves by itself.
+        X_WT, X_WP, X_WG: the tool now, at the pre-grasp and at the grasp.
+    """
+    lifted = Pose(X_WG.quaternion, X_WG.translation + [0.0, 0.0, settings.lift])
+    return [X_WT, X_WP, X_WG, lifted]
+
+
+def outlook(
+    robot: RobotModel,
+    settings: Approach,
+    q: Array,
+    X_WT: Pose,
+    target: Target,
+    candidates: Candidates,
+    clear: ClearRows | None = None,
+) -> Outlook:
+    """Return what the way from a posture to a grasp and up with the object holds in store.
+
+    Args:
+        robot: the arm.
+        settings: how it moves by itself.
+        q: its posture (n,) [rad].
+        X_WT: where its tool is led from.
+        target: the grasp, one of ``candidates``.
+        candidates: the grasps of the scene.
+        clear: the scene's collision check; without it nothing is in the way. What is touched up to the pre-grasp
+            counts, and from there on what is touched but for the object by the hand.
+    """
+    legs: list[Array] = []
+    speed = 0.0
+    for here, there in pairwise(whole_way(settings, X_WT, target.X_WP, target.X_WG)):
+        walk = walk_straight(
+            robot,
+            q if not legs else legs[-1][-1],
+            here,
+            Pose.stack([there]),
+            speed=settings.speed,
+            angular_speed=settings.angular_speed,
+        )
+        if not walk.gone[0]:
+            return Outlook.SHUT
+        legs.append(walk.postures[0, : int(walk.steps[0])])
+        speed = max(speed, float(walk.speed[0]))
+    good = Outlook.FREE if speed <= BRISK else Outlook.BRISK
+    if clear is None:
+        return good
+    before, at_it = legs[0], np.concatenate(legs[1:])
+    # Both are checked in one call, so the shorter one's end is said again.
+    rows = np.arange(max(len(before), len(at_it)))
+    before, at_it = (part[np.minimum(rows, len(part) - 1)] for part in (before, at_it))
+    free = clear(at_it, before, candidates.select(np.full(len(rows), target.candidate)))
+    return good if np.all(free) else Outlook.TOUCHING
 
 
 def can_travel(robot: RobotModel, settings: Approach, q: Array, waypoints: Sequence[Pose]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,6 +52,17 @@ class Candidates:
 
     def __len__(self) -> int:
         return len(self.X_WG)
+
+    def select(self, rows: np.ndarray) -> Candidates:
+        """Return these rows (R,), in this order; a row may come more than once."""
+        return replace(
+            self,
+            object_index=self.object_index[rows],
+            grasp_index=self.grasp_index[rows],
+            X_WG=self.X_WG[rows],
+            opening=self.opening[rows],
+            quality=self.quality[rows],
+        )
 
 
 def place(sets: Mapping[str, GraspSet], X_WO: Mapping[str, Pose]) -> Candidates:

@@ -11,6 +11,7 @@ import numpy as np
 
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.grasps.products import thin_product
 from optsc.robot.gripper import Gripper
 
 
@@ -18,8 +19,10 @@ def in_tool_frame(X_OG: Pose, points: Array) -> np.ndarray:
     """Return points (N, 3) of the object in the tool frames of K poses: (3, K, N) [m], single precision."""
     R = X_OG.rotation_matrix().astype(np.float32)
     offset = np.einsum("kij,ki->jk", R, X_OG.translation.astype(np.float32))
-    flat = R.transpose(2, 0, 1).reshape(-1, 3) @ points.astype(np.float32).T
-    return flat.reshape(3, len(X_OG), len(points)) - offset[:, :, None]
+    flat = thin_product(R.transpose(2, 0, 1).reshape(-1, 3), points.astype(np.float32).T)
+    points_T = flat.reshape(3, len(X_OG), len(points))
+    points_T -= offset[:, :, None]
+    return points_T
 
 
 def approach_boxes(gripper: Gripper, standoff: float) -> Array:

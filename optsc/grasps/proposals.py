@@ -9,6 +9,7 @@ import numpy as np
 
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
+from optsc.grasps.products import thin_product
 from optsc.grasps.rays import exits
 from optsc.grasps.settings import AntipodalSettings
 from optsc.grasps.surface import Surface
@@ -62,15 +63,15 @@ def propose_on_points(
     start = rng.choice(len(surface.points), count, replace=False)
     origins = surface.points[start]
     directions = within_cone(-surface.normals[start], np.arctan(settings.friction), rng)
-    along = directions @ surface.points.T - np.einsum("ri,ri->r", directions, origins)[:, None]
+    along = thin_product(directions, surface.points.T) - np.einsum("ri,ri->r", directions, origins)[:, None]
     square = (
         np.einsum("ri,ri->r", origins, origins)[:, None]
         + np.einsum("ni,ni->n", surface.points, surface.points)
-        - 2.0 * origins @ surface.points.T
+        - 2.0 * thin_product(origins, surface.points.T)
     )
     longest = gripper.max_opening - 2 * settings.clearance
     hit = (along > 2.0 * beside) & (along < longest) & (square - along**2 < beside**2)
-    hit &= directions @ surface.normals.T >= cone_cosine(settings.friction)
+    hit &= thin_product(directions, surface.normals.T) >= cone_cosine(settings.friction)
     ray, point = np.nonzero(hit)
     width = along[ray, point]
     _, kept = np.unique(np.stack([ray, np.floor(width / (2.0 * beside))]), axis=1, return_index=True)

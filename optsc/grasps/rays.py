@@ -6,6 +6,7 @@ import numpy as np
 
 from optsc.geometry import TriangleMesh
 from optsc.geometry.rotation import Array
+from optsc.grasps.products import thin_product
 
 _CHUNK = 2_000_000  # ray-face pairs held in memory at once
 
@@ -38,13 +39,21 @@ def _exits(
     normal = np.cross(ab, ac)
     # Cramer's rule with everything that depends on the face alone taken out of the ray-face loop:
     # t = (a - o).n / d.n, and the barycentric coordinates are linear in the point of the face's plane.
-    leaving = directions @ normal.T
+    leaving = thin_product(directions, normal.T)
     plane = np.einsum("fi,fi->f", a, normal)
     usable = leaving > 1e-12 * np.linalg.norm(normal, axis=1)
-    t = (plane - origins @ normal.T) / np.where(usable, leaving, 1.0)
+    t = (plane - thin_product(origins, normal.T)) / np.where(usable, leaving, 1.0)
     square = np.maximum(np.einsum("fi,fi->f", normal, normal), 1e-300)
     u_axis, v_axis = np.cross(ac, normal) / square[:, None], np.cross(normal, ab) / square[:, None]
-    u = origins @ u_axis.T - np.einsum("fi,fi->f", a, u_axis) + t * (directions @ u_axis.T)
-    v = origins @ v_axis.T - np.einsum("fi,fi->f", a, v_axis) + t * (directions @ v_axis.T)
+    u = (
+        thin_product(origins, u_axis.T)
+        - np.einsum("fi,fi->f", a, u_axis)
+        + t * thin_product(directions, u_axis.T)
+    )
+    v = (
+        thin_product(origins, v_axis.T)
+        - np.einsum("fi,fi->f", a, v_axis)
+        + t * thin_product(directions, v_axis.T)
+    )
     ray, face = np.nonzero(usable & (t > 1e-6) & (t <= longest) & (u >= 0) & (v >= 0) & (u + v <= 1))
     return ray + offset, t[ray, face], normal[face] / np.sqrt(square[face])[:, None]

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from optsc.errors import InvalidValue
-from optsc.geometry import DepthImage, PointCloud, Pose, rotation
+from optsc.geometry import DepthImage, PointCloud, Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
 from optsc.perception.freespace import free_space
 from optsc.perception.templates import Template
+
+SPACING = 0.0025
+"""From one filled-in point to the next [m]: what grasps on clouds are looked for with."""
+COMMON = 0.006
+"""Points of one explanation of a view count as common where every other has its surface within this distance [m]."""
+
+_TRIES = 8.0  # random points for each that is kept
+_MOST = 200_000  # points that are filled in at most
 
 
 def completed(
@@ -21,12 +30,14 @@ def completed(
     image: DepthImage | None = None,
     robot_depth: Array | None = None,
     alternatives: Sequence[Pose] = (),
-    distance: float = 0.006,
+    spacing: float = SPACING,
+    distance: float = 0.004,
     outlier: float = 0.010,
 ) -> PointCloud:
     """Return the seen points and the template's unseen ones in O, with normals and `PointCloud.seen`.
 
     A point of the template is added if no seen point is within ``distance`` and the camera did not see through it.
+    Where the seen points have normals, only those that face the same way count: of a thin wall, one side is seen.
 
     Args:
         cloud_W: measured points, in W.
@@ -36,15 +47,15 @@ def completed(
         robot_depth: see `free_space`.
         alternatives: other poses of the same template that explain the view as well: what they do not agree about, such
             as a mug's handle that nobody saw, is not filled in.
-        distance: about the spacing of the template's points [m].
+        spacing: from one point of the template to the next, about [m].
+        distance: how far a seen point speaks for its surroundings [m].
         outlier: seen points farther from the template than this belong to something else and are left out [m].
 
     Raises:
-        InvalidValue: a distance that is not above 0, or a batch of poses.
+        InvalidValue: a length that is not above 0, so many points that ``spacing`` cannot have been meant, or a
+            batch of poses.
     """
-    from scipy.spatial import cKDTree
-
-    for name, value in (("distance", distance), ("outlier", outlier)):
+    for name, value in (("spacing", spacing), ("distance", distance), ("outlier", outlier)):
         if not 0.0 < value < float("inf"):
             raise InvalidValue(name, value, "finite, more than 0 m")
     if X_WO.shape != ():
@@ -56,17 +67,65 @@ def completed(
         normals = rotation.rotate(rotation.conjugate(X_WO.quaternion), cloud_W.normals)
     else:
         normals = gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
-    missing = np.ones(len(template.points), dtype=bool)
-    if near.any():
-        missing = cKDTree(points[near]).query(template.points, distance_upper_bound=distance)[0] > distance
+    surface, outward = even_points(template.mesh, spacing)
+    facing = normals[near] if cloud_W.normals is not None else None
+    missing = ~_near_seen(surface, outward, points[near], facing, distance)
     for other in alternatives:
-        there, _ = template.field.lookup((other.inverse() @ X_WO).apply(template.points))
-        missing &= np.abs(there) <= distance
+        there, _ = template.field.lookup((other.inverse() @ X_WO).apply(surface))
+        missing &= np.abs(there) <= COMMON
     if image is not None:
-        through, _ = free_space(image, robot_depth).judge(X_WO.apply(template.points))
+        through, _ = free_space(image, robot_depth).judge(X_WO.apply(surface))
         missing &= ~through
     return PointCloud(
-        np.concatenate([points[near], template.points[missing]]),
-        np.concatenate([normals[near], template.normals[missing]]),
+        np.concatenate([points[near], surface[missing]]),
+        np.concatenate([normals[near], outward[missing]]),
         np.concatenate([np.ones(int(near.sum()), dtype=bool), np.zeros(int(missing.sum()), dtype=bool)]),
     )
+
+
+@lru_cache(maxsize=32)
+def even_points(mesh: TriangleMesh, spacing: float) -> tuple[Array, Array]:
+    """Return points (N, 3) about ``spacing`` [m] apart all over a surface, and their outward normals (N, 3).
+
+    Of random points, one for each cube of that size and each of the six ways that a surface can mostly face, so that
+    both sides of a thin wall have theirs. The same input gives the same points.
+
+    Raises:
+        InvalidValue: more than 200000 points would be needed.
+    """
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    area = float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    if area > _MOST * spacing**2:
+        raise InvalidValue(
+            "spacing", spacing, f"at least {np.sqrt(area / _MOST):.2g} m for at most {_MOST} points"
+        )
+    points, normals = mesh.sample(np.random.default_rng(0), int(np.ceil(_TRIES * area / spacing**2)))
+    cubes = np.floor(points / spacing)
+    axis = np.argmax(np.abs(normals), axis=1)
+    side = 2 * axis + (np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0.0)
+    off = np.abs(points - (cubes + 0.5) * spacing).max(axis=1)
+    order = np.argsort(off, kind="stable")  # what is nearest to the middle of its cube comes first
+    keys = np.concatenate([cubes, side[:, None]], axis=1)[order]
+    _, first = np.unique(keys, axis=0, return_index=True)
+    kept = np.sort(order[first])
+    result = points[kept], normals[kept]
+    for array in result:
+        array.flags.writeable = False
+    return result
+
+
+def _near_seen(
+    points: Array, outward: Array, seen: Array, facing: Array | None, distance: float
+) -> np.ndarray:
+    """Return which points (N, 3) have a seen one within ``distance`` [m], one that faces the same way if that is known.
+
+    At right angles two surfaces are as far apart as ``distance`` along them: p and n distance/sqrt(2) are compared.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(seen) == 0:
+        return np.zeros(len(points), dtype=bool)
+    if facing is not None:
+        weight = distance / np.sqrt(2.0)
+        seen, points = np.hstack([seen, weight * facing]), np.hstack([points, weight * outward])
+    return cKDTree(seen).query(points, distance_upper_bound=distance)[0] <= distance

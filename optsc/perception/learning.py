@@ -10,15 +10,12 @@ import numpy as np
 from optsc.geometry import DepthImage, PointCloud, Pose, TriangleMesh
 from optsc.geometry.rotation import Array
 from optsc.grasps import AntipodalSettings, GraspSet, detect_grasps
-from optsc.perception.completion import completed
+from optsc.perception.completion import COMMON, completed
 from optsc.perception.memory import Explanation, KnownObject
 from optsc.perception.registration import Registration
 from optsc.perception.segments import Segment
 from optsc.perception.templates import Template
 from optsc.robot import Gripper
-
-COMMON = 0.006
-"""Points of one explanation of a view count as common where every other has its surface within this distance [m]."""
 
 
 class Look(NamedTuple):

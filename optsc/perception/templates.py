@@ -14,6 +14,7 @@ from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
 from optsc.perception.field import DistanceField, distance_field
 from optsc.perception.resting import CONTINUOUS, resting_poses, vertical_symmetry
+from optsc.perception.stored import Arrays, computed_once, content_key
 
 LARGEST, SMALLEST = 2.0, 0.005
 """A template's longest edge has to lie between these [m]; beyond them its unit is suspected."""
@@ -22,6 +23,13 @@ _UNREADABLE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OSEr
 """What trimesh raises for what is no mesh; the last where it would guess an encoding by a package that is not there."""
 
 _LEAST_VOLUME = 1e-9  # [m^3], a cubic millimetre
+
+_VERSION = 1
+"""Rises with every change that makes another template of the same mesh: what was kept is then computed anew."""
+_COMPUTED = frozenset(
+    ("points", "normals", "symmetry", "resting_quaternion", "resting_translation")
+    + ("diameter", "corner", "step", "distance", "gradient")
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +68,13 @@ class Template:
 
 
 def template_from_mesh(
-    name: str, mesh: TriangleMesh, *, count: int = 1500, symmetry_tolerance: float = 0.0015, seed: int = 0
+    name: str,
+    mesh: TriangleMesh,
+    *,
+    count: int = 1500,
+    symmetry_tolerance: float = 0.0015,
+    seed: int = 0,
+    keep: bool = False,
 ) -> Template:
     """Return the template of a surface that is given in O.
 
@@ -70,6 +84,7 @@ def template_from_mesh(
         count: of surface points.
         symmetry_tolerance: how far turned points may lie off the surface to call it symmetric [m].
         seed: of the surface points; same mesh and seed, same template.
+        keep: whether what is computed is kept in the per-user cache, and taken from there if it is there already.
 
     Raises:
         InvalidValue: the mesh encloses no volume, is inside out, or its size makes its unit suspicious.
@@ -78,14 +93,44 @@ def template_from_mesh(
     _check_volume(name, mesh)
     if not 10 <= count <= 100_000:
         raise InvalidValue("number of surface points", count, "10 to 100000")
+
+    def compute() -> Arrays:
+        return _computed(mesh, count, symmetry_tolerance, seed)
+
+    if keep:
+        key = content_key(_VERSION, mesh.vertices, mesh.faces, count, symmetry_tolerance, seed)
+        arrays = computed_once(key, _COMPUTED, compute)
+    else:
+        arrays = compute()
+    for array in arrays.values():
+        array.flags.writeable = False
+    field = DistanceField(arrays["corner"], float(arrays["step"]), arrays["distance"], arrays["gradient"])
+    resting = Pose(arrays["resting_quaternion"], arrays["resting_translation"])
+    points, normals = arrays["points"], arrays["normals"]
+    return Template(
+        name, mesh, points, normals, int(arrays["symmetry"]), resting, float(arrays["diameter"]), field
+    )
+
+
+def _computed(mesh: TriangleMesh, count: int, symmetry_tolerance: float, seed: int) -> Arrays:
+    """Return all that takes time, by the names in `_COMPUTED`."""
     rng = np.random.default_rng(seed)
     field = distance_field(mesh, rng, step=max(0.003, float(mesh.extents.max()) / 120.0))
     points, normals = _spread(*mesh.sample(rng, 8 * count), count)
     symmetry = vertical_symmetry(points, field, symmetry_tolerance)
     resting, _ = resting_poses(mesh, symmetry)
-    for array in (points, normals):
-        array.flags.writeable = False
-    return Template(name, mesh, points, normals, symmetry, resting, _diameter(mesh), field)
+    return {
+        "points": points,
+        "normals": normals,
+        "symmetry": np.array(symmetry),
+        "resting_quaternion": resting.quaternion,
+        "resting_translation": resting.translation,
+        "diameter": np.array(_diameter(mesh)),
+        "corner": field.corner,
+        "step": np.array(field.step),
+        "distance": field.distance,
+        "gradient": field.gradient,
+    }
 
 
 def template_from_file(
@@ -123,7 +168,7 @@ def template_from_file(
     if not keep_frame:
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         vertices = vertices - [*(0.5 * (low + high))[:2], low[2]]
-    return template_from_mesh(name or path.stem, TriangleMesh(vertices, faces))
+    return template_from_mesh(name or path.stem, TriangleMesh(vertices, faces), keep=True)
 
 
 @cache
@@ -131,7 +176,7 @@ def catalogue_template(name: str) -> Template:
     """Return the template of an object of `optsc.sim`; raise `UnknownName`."""
     from optsc.sim import object_model
 
-    return template_from_mesh(name, object_model(name).mesh)
+    return template_from_mesh(name, object_model(name).mesh, keep=True)
 
 
 def catalogue_templates(names: Sequence[str] | None = None) -> tuple[Template, ...]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from optsc.control.choosing import CHOICES
-from optsc.control.rollout import can_travel
+from optsc.control.rollout import Outlook, best_way, outlook
 from optsc.errors import InvalidValue
 from optsc.selection import Ranking, Target
 from optsc.study.conditions import Condition, Person
@@ -44,7 +44,7 @@ class Choice:
     target: Target
     ranking: Ranking
     place: int
-    """How many better ranked grasps were passed over, because no straight way leads to them."""
+    """How many better ranked grasps were passed over, because no straight way leads to them, or none that is free."""
 
 
 def choose(
@@ -52,26 +52,37 @@ def choose(
     hand_over: HandOver,
     index: int,
     condition: Condition,
-    ways: dict[tuple[int, bool], bool],
+    ways: dict[tuple[int, bool], Outlook],
 ) -> Choice | None:
     """Return what the controller chooses at ``hand_over``, the one of number ``index``; None where it refuses.
 
-    It is the controller's own decision, but for ``ways``: to which grasps a straight way leads is remembered there.
+    It is the controller's own decision, but for ``ways``: what the straight ways to grasps hold in store is
+    remembered there.
     """
     stage, selector = leading.stage, leading.selector
     selector.decide_by(condition.rule, condition.measure)
     ranking = selector.rank(hand_over.X_WT, hand_over.q, refresh_limit=1)
     if ranking.best is None:
         return None
-    for place, candidate in enumerate(ranking.of(ranking.best)[:CHOICES].tolist()):
-        target = ranking.target_of(candidate)
+    places = ranking.of(ranking.best)[:CHOICES].tolist()
+
+    def seen(place: int) -> Outlook:
+        target = ranking.target_of(places[place])
         way = (target.candidate, target.half_turn)
         if way not in ways:
-            poses = [hand_over.X_WT, target.X_WP, target.X_WG]
-            ways[way] = can_travel(stage.robot, stage.settings.approach, hand_over.q, poses)
-        if ways[way]:
-            return Choice(index, target, ranking, place)
-    return None
+            ways[way] = outlook(
+                stage.robot,
+                stage.settings.approach,
+                hand_over.q,
+                hand_over.X_WT,
+                target,
+                stage.candidates,
+                stage.clear,
+            )
+        return ways[way]
+
+    place = best_way(range(len(places)), seen)
+    return None if place is None else Choice(index, ranking.target_of(places[place]), ranking, place)
 
 
 class Engine:
@@ -86,7 +97,7 @@ class Engine:
         self.key = episode_key(scene, person, self.stage.settings)
         self._leading: Leading | None = None
         self._hand_overs: list[HandOver | None] = []
-        self._ways: list[dict[tuple[int, bool], bool]] = []
+        self._ways: list[dict[tuple[int, bool], Outlook]] = []
         self._motions: dict[tuple[int, int, bool], Executed] = {}
 
     def hand_over(self, index: int) -> HandOver | None:

@@ -6,6 +6,7 @@ import pytest
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.grasps.clearance import approach_boxes, closing_boxes, in_tool_frame, lowest_point, touched
 from optsc.grasps.contacts import pad_contacts
+from optsc.grasps.products import thin_product
 from optsc.grasps.rays import exits
 from optsc.grasps.spread import LENGTH, pose_distance, spread_out
 from optsc.grasps.surface import Surface, centre_of_mass, is_closed, mesh_area, sample_surface
@@ -214,3 +215,11 @@ class TestSpread:
         X = random_poses(np.random.default_rng(0), 3)
         assert sorted(spread_out(X, np.full(3, 0.5), 10, jaw_symmetric=False)) == [0, 1, 2]
         assert spread_out(Pose.identity((0,)), np.zeros(0), 10, jaw_symmetric=False).shape == (0,)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (7, 100_000), (3000, 120), (0, 5), (5, 0)])
+def test_a_thin_product_is_the_product(rows: int, columns: int) -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(rows, 3)), rng.normal(size=(3, columns))
+    np.testing.assert_allclose(thin_product(a, b), a @ b, rtol=0.0, atol=1e-12)
+    assert thin_product(a.astype(np.float32), b.astype(np.float32)).dtype == np.float32

@@ -93,13 +93,20 @@ def test_a_mugs_handle_shows_in_the_tail_alone():
     assert surface_tail(mug, Pose.identity(), upright(0.5 * np.pi)) == pytest.approx(0.025, abs=0.002)
 
 
-def test_filled_in_points_keep_the_distance_of_the_page():
-    assert "no seen one within 6 mm" in re.sub(r"\s+", " ", PAGE)
+def test_filled_in_points_keep_the_distances_of_the_page():
+    page = re.sub(r"\s+", " ", PAGE)
+    assert "no seen point is within 4 mm" in page
+    assert "over its mesh 2.5 mm apart" in page
     can = catalogue_template("can")
-    one = PointCloud(can.points[:1])
-    added = completed(one, can, Pose.identity())
-    gaps = np.linalg.norm(added.points[~added.seen] - can.points[0], axis=1)
-    assert gaps.min() > 0.006
+    one = PointCloud(can.points[:1], can.normals[:1])
+    whole = completed(one, can, Pose.identity())
+    added = whole.select(~whole.seen)
+    d = np.linalg.norm(added.points - can.points[0], axis=1)
+    turned = np.linalg.norm(added.normals - can.normals[0], axis=1)
+    assert np.sqrt(d**2 + 0.5 * 0.004**2 * turned**2).min() > 0.004
+    everywhere = completed(PointCloud(np.zeros((0, 3))), can, Pose.identity())
+    area = len(can.points) * can.spacing**2
+    assert np.sqrt(area / len(everywhere)) == pytest.approx(0.0025, rel=0.25)
 
 
 def test_the_code_of_the_page_finds_what_is_there():

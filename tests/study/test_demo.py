@@ -11,7 +11,7 @@ from optsc.followers import PyBulletFollower
 from optsc.operators import Reach
 from optsc.robot import load_robot
 from optsc.sim import tabletop
-from optsc.study.demo import Demo, load_or_build, plans, save, table
+from optsc.study.demo import Demo, load_or_build, plans, run_demo, save, summary, table
 from optsc.study.episode import PAPER, STRATEGIES, Setting, run_episode
 from optsc.study.lifting import LIFT_HEIGHT
 
@@ -94,3 +94,19 @@ def test_a_grasp_that_never_came_is_a_result(demo):
     assert measures["path_length_m"] is None
     assert measures["lifted"] is False
     assert "no" in table(replace(demo, episodes={**demo.episodes, ("paper", "box"): episode}))
+
+
+def test_from_the_camera_alone_an_object_is_found_grasped_and_lifted(monkeypatch):
+    """Nothing that is known of the scene reaches the controller. A low rate and a single strategy save time."""
+    monkeypatch.setattr("optsc.study.demo.STRATEGIES", (PAPER,))
+    robot = load_robot("panda")
+    demo = run_demo(robot, objects=("can",), seed=0, rate=250.0, say=lambda text: None, perception=True)
+    episode = demo.episodes["paper", "can"]
+    assert episode.lifted
+    assert episode.target_name == "can"
+    facts = summary(demo)
+    (found,) = facts["perception"]["objects"]["can"]
+    assert found["template"] == "can"
+    assert found["add_s_m"] < 0.005
+    assert facts["objects"]["can"]["candidates"] == found["candidates"] == 150
+    assert facts["perception"]["not_objects"] == []
