@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,20 +12,9 @@ import numpy as np
 from optsc.errors import UnknownName
 from optsc.geometry import PointCloud
 from optsc.grasps import GraspLibrary, GraspSet
+from optsc.grasps.stored_surface import load_surface, surface_hash
 
 _POINTS = 4000  # of a drawn surface
-
-
-def progress() -> Callable[[str, int, int], None] | None:
-    """Return something that shows how far the work is, on a terminal; None elsewhere."""
-    if not sys.stderr.isatty():
-        return None
-
-    def show(name: str, done: int, total: int) -> None:
-        end = "\n" if done >= total else ""
-        print(f"\r{name}: {done} of {total}   ", end=end, file=sys.stderr, flush=True)
-
-    return show
 
 
 def chosen(library: GraspLibrary, names: Sequence[str] | None) -> GraspLibrary:
@@ -67,14 +55,19 @@ def _line(about: Mapping[str, Any]) -> str:
     words = [f"{about['grasps']} grasps for {about['gripper']}"]
     if "opening" in about:
         low, _, high = about["opening"]
-        words.append(f"opening {1e3 * low:.0f} to {1e3 * high:.0f} mm")
         worst, _, best = about["quality"]
-        words.append(f"quality {worst:.2f} to {best:.2f}")
+        numbers = {
+            "opening": f"opening {1e3 * low:.0f} to {1e3 * high:.0f} mm",
+            "quality": f"quality {worst:.2f} to {best:.2f}",
+        }
+        for field, text in numbers.items():
+            known = about["provenance"].get(f"{field}_known", True)
+            words.append(text if known else f"{field} not known")
     words.append(f"{about['held']} of {about['tried']} tried held" if "tried" in about else "not tried")
     return ", ".join(words)
 
 
-def pictures(library: GraspLibrary, output: Path, seed: int) -> list[str]:
+def pictures(library: GraspLibrary, folder: Path, output: Path, seed: int) -> list[str]:
     """Draw each object's grasps and return the files; an object without a known surface has grasps alone."""
     from optsc.viewers.figure import save_figure
     from optsc.viewers.figure_grasps import grasps_figure
@@ -82,19 +75,22 @@ def pictures(library: GraspLibrary, output: Path, seed: int) -> list[str]:
     output.mkdir(parents=True, exist_ok=True)
     files = []
     for name in sorted(library):
-        figure = grasps_figure(library[name], _surface(library[name], seed))
+        figure = grasps_figure(library[name], _surface(library[name], folder, seed))
         files.append(str(save_figure(figure, output / f"{name}.png")))
         print(f"{name}: {files[-1]}")
     return files
 
 
-def _surface(grasps: GraspSet, seed: int) -> PointCloud | None:
+def _surface(grasps: GraspSet, folder: Path, seed: int) -> PointCloud | None:
+    """Return points of the surface that is stored with grasps in a folder, or else of the object of their name."""
     from optsc.sim import object_model
 
-    try:
-        mesh = object_model(grasps.object_name).mesh
-    except UnknownName:
-        return None
-    if grasps.made_on_mesh and grasps.object_hash != mesh.hash:
-        return None
+    mesh = load_surface(grasps, folder)
+    if mesh is None:
+        try:
+            mesh = object_model(grasps.object_name).mesh
+        except UnknownName:
+            return None
+        if surface_hash(grasps) not in (None, mesh.hash):
+            return None
     return PointCloud(*mesh.sample(np.random.default_rng(seed), _POINTS))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optsc.control.approach import Approach, PathTarget
-from optsc.control.rollout import can_travel
+from optsc.control.rollout import can_travel, whole_way
 from optsc.errors import require_pair, require_positive
 from optsc.geometry import Pose, scalar
 from optsc.geometry.scalar import Quaternion, Vector
@@ -99,8 +99,9 @@ def nudged(settings: FineTuning, scene: Scene, tuned: Tuned, nudge: Nudge) -> tu
     if not at_grasp.success:
         return tuned, "the nudged grasp is out of reach"
     target = before._replace(X_WG=X_WG, X_WP=X_WP, q=at_grasp.q, q_pregrasp=at_pregrasp.q)
-    if not can_travel(scene.robot, scene.approach, at_pregrasp.q, [X_WP, X_WG]):
-        return tuned, "the nudged grasp cannot be reached on a straight way"
+    _, *way = whole_way(scene.approach, X_WP, X_WP, X_WG)
+    if not can_travel(scene.robot, scene.approach, at_pregrasp.q, way):
+        return tuned, "the nudged grasp cannot be reached, and lifted from, on a straight way"
     if not _is_clear(scene, target):
         return tuned, "the nudged grasp would touch something"
     return Tuned(stored, offset, target), ""

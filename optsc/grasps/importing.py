@@ -26,6 +26,9 @@ from optsc.robot.gripper import Gripper
 ACRONYM_X_HG = Pose.from_rotation_vector([0.0, 0.0, 0.5 * np.pi], [0.0, 0.0, 0.1034])
 """The tool frame between the pads in the hand frame of ACRONYM's files."""
 
+PANDA_X_HG = Pose.from_translation([0.0, 0.0, 0.1034])
+"""The same in the frame ``panda_hand`` of the arm's own description, whose jaws close along y."""
+
 COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 """Columns that a table of poses has to have; ``opening`` and ``quality`` may follow, in any order."""
 OPTIONAL = ("opening", "quality")

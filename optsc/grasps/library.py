@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
 
@@ -13,7 +12,7 @@ from optsc.grasps.antipodal import sample_grasps
 from optsc.grasps.candidates import Candidates, place
 from optsc.grasps.gathering import Progress
 from optsc.grasps.grasp_set import GraspSet
-from optsc.grasps.identity import METHOD, gripper_fingerprint
+from optsc.grasps.keeping import differences, expendable, refuse, stored_set
 from optsc.grasps.settings import AntipodalSettings
 from optsc.grasps.storage import SUFFIX, load_set, path_of, save_set
 from optsc.robot.gripper import Gripper
@@ -112,46 +111,36 @@ def build_library(
     directory: str | Path | None = None,
     settings: AntipodalSettings | None = None,
     progress: Progress | None = None,
+    replace: bool = False,
 ) -> GraspLibrary:
     """Return the grasps of all ``objects``, taken from ``directory`` where they are stored already.
 
     A stored set is taken if everything agrees that decides about its content: the object's surface, the
-    gripper's shape, the seed, the settings and the sampling method. Otherwise, and if its file is damaged, it
-    is sampled anew and stored. A file from a later version of the library is not overwritten: `InvalidValue`.
+    gripper's shape, the seed, the settings and the sampling method; an imported one if it is of this very surface
+    and for this gripper. What is missing or damaged is sampled and stored. Other grasps are never written over
+    unless ``replace`` says so, except, in the per-user cache, sampled ones that nobody tried.
+
+    Raises:
+        InvalidValue: other grasps of an object are stored, or a file is from a later version of the library. It
+            is raised before anything is sampled.
     """
     settings = settings or AntipodalSettings()
-    sets = {}
+    sets: dict[str, GraspSet] = {}
     for name, mesh in objects.items():
-        stored = None if directory is None else _stored(path_of(directory, name))
-        if stored is not None and _agrees(stored, name, mesh, gripper, seed, settings):
+        stored = None if directory is None else stored_set(directory, name)
+        if directory is None or stored is None:
+            continue
+        other = differences(stored, mesh, gripper, seed, settings)
+        if not other:
             sets[name] = stored
+        elif not replace and not expendable(stored, directory):
+            refuse(directory, stored, f"grasps {other}")
+    for name, mesh in objects.items():
+        if name in sets:
             if progress is not None:
                 progress(name, 1, 1)
             continue
         sets[name] = sample_grasps(mesh, gripper, name=name, seed=seed, settings=settings, progress=progress)
         if directory is not None:
             save_set(sets[name], directory)
-    return GraspLibrary(sets)
-
-
-def _stored(path: Path) -> GraspSet | None:
-    try:
-        return load_set(path) if path.exists() else None
-    except DamagedFile:
-        return None
-
-
-def _agrees(
-    grasps: GraspSet, name: str, mesh: TriangleMesh, gripper: Gripper, seed: int, settings: AntipodalSettings
-) -> bool:
-    wanted = {
-        "method": METHOD,
-        "seed": seed,
-        "settings": asdict(settings),
-        "gripper_fingerprint": gripper_fingerprint(gripper),
-    }
-    return (
-        (grasps.object_name, grasps.object_hash, grasps.gripper) == (name, mesh.hash, gripper.name)
-        and grasps.jaw_symmetric == gripper.jaw_symmetric
-        and all(grasps.provenance.get(key) == value for key, value in wanted.items())
-    )
+    return GraspLibrary({name: sets[name] for name in objects})

@@ -43,7 +43,7 @@ _ARRAYS = ("quaternion", "translation", "opening", "quality")
 _TRIALS = ("tried", "held")
 _FIELDS = {"object_name": str, "object_hash": str, "gripper": str, "jaw_symmetric": bool, "provenance": dict}
 # What zipfile and numpy raise for bytes that are no such archive, found by flipping every byte of a file.
-_BAD_ARCHIVE = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError, OSError)
+BAD_ARCHIVE = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError, OSError)
 _BAD_ARRAY = (ValueError, TypeError, AttributeError)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
@@ -135,7 +135,7 @@ def _read(path: str | Path) -> Mapping[str, np.ndarray]:
             entries = {name: archive[name] for name in (*_ARRAYS, *trials, "description", "checksum")}
     except KeyError as error:
         raise DamagedFile(path, f"is no grasp file ({error.args[0]})") from None
-    except (*_BAD_ARCHIVE, *_BAD_ARRAY) as error:
+    except (*BAD_ARCHIVE, *_BAD_ARRAY) as error:
         raise DamagedFile(path, f"is damaged or no grasp file ({error})") from None
     if not np.array_equal(entries.pop("checksum"), _checksum(entries)):
         raise DamagedFile(path, "its content does not agree with its checksum")

@@ -11,7 +11,15 @@ import pytest
 
 from optsc.errors import DamagedFile, InvalidValue, Mismatch, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
-from optsc.grasps import AntipodalSettings, GraspLibrary, GraspSet, build_library, library, storage
+from optsc.grasps import (
+    AntipodalSettings,
+    Candidates,
+    GraspLibrary,
+    GraspSet,
+    build_library,
+    library,
+    storage,
+)
 from optsc.robot.gripper import PANDA_HAND
 
 
@@ -369,7 +377,7 @@ class TestBuilding:
     @pytest.mark.parametrize(
         "what", ["seed", "settings", "mesh", "gripper name", "gripper shape", "damage", "name"]
     )
-    def test_anything_that_differs_makes_it_sample_anew(
+    def test_anything_that_differs_makes_it_sample_anew_if_it_may(
         self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, sampled: list[str], what: str
     ) -> None:
         hand, mesh, seed, name = PANDA_HAND, brick, 1, "brick"
@@ -387,7 +395,7 @@ class TestBuilding:
             (tmp_path / "brick.grasps.npz").write_bytes(b"nonsense")
         else:
             name = "stone"
-        build_library({name: mesh}, hand, seed=seed, directory=tmp_path, settings=few)
+        build_library({name: mesh}, hand, seed=seed, directory=tmp_path, settings=few, replace=True)
         assert sampled == [name]
         assert (tmp_path / f"{name}.grasps.npz").exists()
 
@@ -407,3 +415,22 @@ class TestBuilding:
         monkeypatch.chdir(tmp_path)
         build_library({"brick": brick}, PANDA_HAND, seed=1, settings=few)
         assert list(tmp_path.iterdir()) == []
+
+
+def test_selected_candidates_are_these_rows_in_this_order() -> None:
+    count = 4
+    candidates = Candidates(
+        object_names=("a", "b"),
+        object_index=np.array([0, 0, 1, 1]),
+        grasp_index=np.array([0, 1, 0, 1]),
+        X_WG=Pose(np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)), np.arange(12.0).reshape(count, 3)),
+        opening=np.arange(4.0),
+        quality=np.ones(count),
+        jaw_symmetric=True,
+    )
+    some = candidates.select(np.array([3, 1, 3]))
+    assert some.object_index.tolist() == [1, 0, 1]
+    assert some.grasp_index.tolist() == [1, 1, 1]
+    assert some.opening.tolist() == [3.0, 1.0, 3.0]
+    np.testing.assert_array_equal(some.X_WG.translation[1], [3.0, 4.0, 5.0])
+    assert (some.object_names, len(candidates.select(np.array([], dtype=int)))) == (("a", "b"), 0)

@@ -1,0 +1,237 @@
+"""``optsc grasps build --image``: from a recorded depth image to stored grasps of what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optsc.errors import InvalidValue, UnknownName
+from optsc.geometry import DepthImage, Pose
+from optsc.geometry.rotation import Array
+from optsc.grasps import AntipodalSettings, GraspSet
+from optsc.perception import (
+    Registration,
+    Segment,
+    Segmentation,
+    Template,
+    catalogue_template,
+    register,
+    register_scene,
+    robot_depth,
+    robot_mask,
+    segmented,
+    template_from_file,
+    view_is_clear,
+)
+from optsc.perception.learning import Look, Shape, grasps_of, shape_of
+from optsc.perception.overlaps import without_overlaps
+from optsc.perception.scene import Recognised
+from optsc.perception.symmetry import nearest_equivalent
+from optsc.perception.table import find_table
+from optsc.robot import Gripper, load_robot
+from optsc.sim import OBJECT_NAMES
+
+
+class Wanted(NamedTuple):
+    """What is asked of a view."""
+
+    templates: Sequence[Template]
+    unknown: bool
+    """Whether what is not recognised is grasped by the points that were seen of it."""
+    table_height: float
+    gripper: Gripper
+    settings: AntipodalSettings
+    seed: int
+
+
+class Seen(NamedTuple):
+    """One object in a view."""
+
+    name: str
+    words: str
+    """What it was taken for, how much of it was seen, and why there are no grasps if there are none."""
+    facts: dict[str, Any]
+    """The same for machines."""
+    grasps: GraspSet | None
+    template: Template | None
+
+
+def templates_of(words: Sequence[str], unit: float) -> tuple[Template, ...]:
+    """Return templates by names of the catalogue or mesh files; ``unit`` is that of the files [m].
+
+    Raises:
+        UnknownName: neither.
+        DamagedFile, InvalidValue: as `template_from_file`.
+    """
+    found = []
+    for word in words:
+        if word in OBJECT_NAMES:
+            found.append(catalogue_template(word))
+        elif Path(word).suffix or Path(word).exists():
+            found.append(template_from_file(word, unit=unit))
+        else:
+            raise UnknownName("template (a name of the catalogue, or a mesh file)", word, OBJECT_NAMES)
+    names = [template.name for template in found]
+    if len(set(names)) < len(names):
+        raise InvalidValue(
+            "--templates", names, "each name once; a file is called by its name without ending"
+        )
+    return tuple(found)
+
+
+def arm_in(
+    image: DepthImage, robot: str | None, posture: Sequence[float] | None
+) -> tuple[np.ndarray | None, Array]:
+    """Return the arm's pixels (H, W), None without an arm, and its depth (H, W) [m], infinite where it is not."""
+    if (robot is None) != (posture is None):
+        raise InvalidValue("--robot and --posture", "one of them alone", "both, or neither")
+    if robot is None or posture is None:
+        return None, np.full(image.depth.shape, np.inf)
+    model = load_robot(robot)
+    return robot_mask(model, posture, image), robot_depth(model, posture, image.camera, image.X_WC)
+
+
+def objects_in(
+    image: DepthImage, wanted: Wanted, arm: np.ndarray | None, hiding: Array
+) -> tuple[list[Seen], Segmentation]:
+    """Return what is seen, with grasps where they were found, and how the image fell apart.
+
+    Raises:
+        InvalidValue: nothing was measured, or nothing stands on the table.
+    """
+    found = segmented(image, table_height=wanted.table_height, robot_mask=arm)
+    _check_anything(image, found, wanted.table_height)
+    look = Look(image, found.segments, hiding, wanted.table_height)
+    seen: list[Seen] = []
+    for one in _recognised(look, wanted):
+        name = _free_name(one.registration, [other.name for other in seen])
+        seen.append(_seen(name, one, look, wanted))
+    return seen, found
+
+
+def _check_anything(image: DepthImage, found: Segmentation, height: float) -> None:
+    if not image.measured.any():
+        raise InvalidValue("measured pixels", 0, "at least one: nothing was measured in the whole image")
+    if found.segments:
+        return
+    left_out = "; ".join(f"{dropped.pixels} pixels: {dropped.reason}" for dropped in found.dropped)
+    where = f"above the table, which is looked for at {height:g} m"
+    if not found.table.measured:
+        where += f", and no plane is there{_level_plane(image)}"
+    raise InvalidValue(
+        "number of objects", 0, f"at least one {where}{'; left out: ' if left_out else ''}{left_out}"
+    )
+
+
+def _level_plane(image: DepthImage) -> str:
+    try:
+        height = find_table(image, None).offset
+    except InvalidValue:
+        return " (--table-height)"
+    return f"; the image shows a level plane at {height:.3f} m (--table-height {height:.3f})"
+
+
+def _recognised(look: Look, wanted: Wanted) -> Sequence[Recognised]:
+    if not wanted.templates:
+        nothing = Registration.refused("no templates were given")
+        return [Recognised(segment, nothing, (i,)) for i, segment in enumerate(look.segments)]
+    how = dict[str, Any](robot_depth=look.robot_depth, table_height=look.table_height, seed=wanted.seed)
+    found = register_scene(look.segments, wanted.templates, look.image, **how)
+    by_name = {template.name: template for template in wanted.templates}
+    return without_overlaps(
+        found, by_name, look.image, lambda one: register(one, wanted.templates, look.image, **how)
+    )
+
+
+def _seen(name: str, one: Recognised, look: Look, wanted: Wanted) -> Seen:
+    segment, registration = one.segment, one.registration
+    by_name = {template.name: template for template in wanted.templates}
+    template = None if registration.refusal else by_name.get(registration.template or "")
+    if template is not None and registration.X_WO is not None:
+        # What looks the same either way is said to stand upright.
+        X_WO = nearest_equivalent(template, registration.X_WO, Pose.identity())
+        registration = replace(registration, X_WO=X_WO)
+    words, facts = _words(registration, segment), _facts(registration, segment)
+    hidden = view_is_clear(segment.pixels, look.robot_depth, look.image)
+    if not hidden.clear:
+        return Seen(
+            name, f"{words}; no grasps: the arm is in front of it, or too near", facts, None, template
+        )
+    if template is None and not wanted.unknown:
+        return Seen(name, f"{words}; no grasps: --unknown has them looked for", facts, None, None)
+    shape = shape_of(segment, registration, by_name, look)
+    facts = {**facts, "made_from": shape.words}
+    try:
+        grasps = _grasps(name, shape, segment, look, wanted, {**facts, **_origin(template, shape)})
+    except InvalidValue as error:
+        return Seen(name, f"{words}; no grasps: {error}", facts, None, template)
+    return Seen(name, words, facts, grasps, template)
+
+
+def _grasps(
+    name: str, shape: Shape, segment: Segment, look: Look, wanted: Wanted, facts: dict[str, Any]
+) -> GraspSet:
+    return grasps_of(
+        name,
+        shape,
+        segment,
+        look,
+        wanted.gripper,
+        facts={key: value for key, value in facts.items() if value is not None},
+        seed=wanted.seed,
+        settings=wanted.settings,
+    )
+
+
+def _origin(template: Template | None, shape: Shape) -> dict[str, Any]:
+    """Return what a trial has to know: of which surface the grasps are, and which way is up in O."""
+    if template is None:
+        return {}
+    return {"surface_hash": template.mesh.hash, "up": shape.X_WO.rotation_matrix()[2].tolist()}
+
+
+def _words(registration: Registration, segment: Segment) -> str:
+    seen = f"{len(segment.cloud)} points"
+    if registration.refusal:
+        return f"{seen}, not recognised ({registration.refusal})"
+    words = (
+        f"{seen}, recognised as {registration.template}: {registration.visible_fraction:.0%} of what this camera "
+        f"could see of it, residual {1e3 * registration.residual:.1f} mm"
+    )
+    if registration.ambiguous:
+        others = sorted({other.template for other in registration.alternatives})
+        words += (
+            f"; ambiguous, {len(registration.alternatives)} other poses fit as well ({', '.join(others)})"
+        )
+    return words
+
+
+def _facts(registration: Registration, segment: Segment) -> dict[str, Any]:
+    facts: dict[str, Any] = {"points": len(segment.cloud), "refusal": registration.refusal or None}
+    if registration.refusal or registration.X_WO is None:
+        return facts
+    X_WO = {
+        "quaternion": registration.X_WO.quaternion.tolist(),
+        "translation": registration.X_WO.translation.tolist(),
+    }
+    return {
+        **facts,
+        "template": registration.template,
+        "visible_fraction": registration.visible_fraction,
+        "residual": registration.residual,
+        "explanations": 1 + len(registration.alternatives),
+        "X_WO": X_WO,
+    }
+
+
+def _free_name(registration: Registration, taken: Sequence[str]) -> str:
+    name, number = "unknown" if registration.refusal else str(registration.template), 2
+    if name not in taken:
+        return name
+    while f"{name}-{number}" in taken:
+        number += 1
+    return f"{name}-{number}"
