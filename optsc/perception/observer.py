@@ -285,9 +285,9 @@ def _new_name(memory: SceneMemory, template: Template | None) -> str:
     name, number = "unknown" if template is None else template.name, 2
     if name not in memory.objects:
         return name
-    while f"{name} {number}" in memory.objects:
+    while f"{name}-{number}" in memory.objects:
         number += 1
-    return f"{name} {number}"
+    return f"{name}-{number}"
 
 
 def _event(before: KnownObject | None, known: KnownObject, words: str, tilt: float) -> SceneEvent:

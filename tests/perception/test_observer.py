@@ -257,7 +257,7 @@ def test_an_unknown_shape_is_grasped_as_it_is_seen(stage, templates):
 def test_without_templates_everything_is_unknown(stage):
     observer = SceneObserver(stage.robot, (), replace(FEW, unknown=False))
     memory, _ = observer.look(SceneMemory(), stage.image(), stage.robot.home)
-    assert set(memory.objects) == {"unknown", "unknown 2"}
+    assert set(memory.objects) == {"unknown", "unknown-2"}
     again, events = observer.look(memory, stage.image(), stage.robot.home)
     assert events == ()
     assert again.library is memory.library
