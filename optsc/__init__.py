@@ -20,7 +20,6 @@ _WHERE = {
     "IdealFollower": "optsc.followers",
     "Manipulability": "optsc.robot.manipulability",
     "Mode": "optsc.control.modes",
-    "OperatorSample": "optsc.operators",
     "OptscError": "optsc.errors",
     "Pose": "optsc.geometry",
     "PyBulletFollower": "optsc.followers",
@@ -29,7 +28,6 @@ _WHERE = {
     "Servo": "optsc.control.servo",
     "ServoSettings": "optsc.control.servo",
     "SharedController": "optsc.control.controller",
-    "Slerp": "optsc.operators",
     "Status": "optsc.control.servo",
     "WeightedSum": "optsc.selection",
     "build_library": "optsc.grasps",
@@ -39,7 +37,11 @@ _WHERE = {
     "run": "optsc.session",
     "solve_ik": "optsc.ik.batch",
 }
-_ROOMS = ("ik", "metrics", "operators", "perception", "sim")
+_ROOMS = (
+    *("control", "errors", "followers", "geometry", "grasps", "ik", "metrics", "operators", "perception"),
+    *("records", "robot", "selection", "session", "shaping", "sim", "study", "viewers"),
+)
+"""All can be reached as attributes; those that most programs need are among the public names."""
 
 __all__ = [
     "Approach",
@@ -51,7 +53,6 @@ __all__ = [
     "IdealFollower",
     "Manipulability",
     "Mode",
-    "OperatorSample",
     "OptscError",
     "Pose",
     "PyBulletFollower",
@@ -60,10 +61,10 @@ __all__ = [
     "Servo",
     "ServoSettings",
     "SharedController",
-    "Slerp",
     "Status",
     "WeightedSum",
     "build_library",
+    "grasps",
     "ik",
     "load_robot",
     "make_policy",
@@ -74,6 +75,7 @@ __all__ = [
     "run",
     "sim",
     "solve_ik",
+    "study",
 ]
 
 
@@ -86,4 +88,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return sorted({*__all__, *_ROOMS, "__version__"})

@@ -4,10 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 
 class OptscError(Exception):
-    """Base of every error that this library raises on purpose."""
+    """Base of every error that this library raises on purpose. A copy from another process says and holds the same."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By default the message would be passed to `__init__`, which wants what the message is made of.
+        return _copied, (type(self), self.args, self.__dict__)
+
+
+def _copied(kind: type[OptscError], args: tuple[Any, ...], fields: dict[str, Any]) -> OptscError:
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(fields)
+    return error
 
 
 class InvalidValue(OptscError, ValueError):

@@ -119,6 +119,13 @@ def test_every_public_name_is_there_and_they_are_sorted():
         assert getattr(optsc, name) is not None
 
 
+def test_every_room_can_be_reached_from_the_library_alone():
+    rooms = sorted({room for room in LEVEL if room != "cli"})
+    code = f"import optsc; print(all(getattr(optsc, r).__name__ == 'optsc.' + r for r in {rooms!r}))"
+    assert run(code).strip() == "True"
+    assert {"grasps", "sim", "study"} <= set(optsc.__all__) <= set(dir(optsc))
+
+
 def test_an_unknown_public_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no_such_name"):
         optsc.no_such_name  # noqa: B018

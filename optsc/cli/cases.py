@@ -8,6 +8,9 @@ from typing import Any
 from optsc.cli.options import add_output, add_seed, add_setting
 from optsc.cli.progress import shown_progress
 
+PEOPLE = "typical, patient, hasty, biased; in study arbitration also mind-changing"
+"""`optsc.operators.TYPES` in words, so that showing the help loads nothing."""
+
 
 def add_case_options(
     parser: Any, *, robots: list[str], scenes: int, output: str, longest: float = 30.0
@@ -17,7 +20,13 @@ def add_case_options(
     parser.add_argument("--robots", nargs="+", default=robots, metavar="NAME", help=f"arms (default {arms})")
     parser.add_argument("--scenes", type=int, default=scenes, help=f"scenes for each arm (default {scenes})")
     add_setting(parser, level="random")
-    parser.add_argument("--people", nargs="+", default=["typical"], metavar="KIND", help="kinds of operators")
+    parser.add_argument(
+        "--people",
+        nargs="+",
+        default=["typical"],
+        metavar="KIND",
+        help=f"kinds of simulated operators: {PEOPLE} (default typical)",
+    )
     parser.add_argument(
         "--repetitions", type=int, default=1, help="people of each kind in a scene (default 1)"
     )
@@ -26,6 +35,9 @@ def add_case_options(
         type=float,
         default=longest,
         help=f"seconds before it counts as failed (default {longest:g})",
+    )
+    parser.add_argument(
+        "--library", metavar="DIR", help="a stored grasp library to choose from (default: sampled grasps)"
     )
     add_seed(parser, "scenes and people")
     parser.add_argument("--workers", type=int, help="processes (default: one for each core; 0: this one)")
@@ -46,7 +58,7 @@ def cases_of(options: argparse.Namespace) -> Any:
         options.objects,
         tuple(options.people),
         options.repetitions,
-        Settings(rate=options.rate, longest=options.longest, follower=options.follower),
+        Settings(options.rate, options.longest, options.follower, library=options.library),
     )
 
 

@@ -9,6 +9,12 @@ from optsc.cli.cases import add_case_options, cases_of, compute
 from optsc.cli.options import actions_of, command_line
 from optsc.cli.people import add_people
 
+BUILT_IN = (
+    *("alternating", "automatic", "continuous", "hindsight optimisation"),
+    *("linear blending", "manual", "product of experts", "virtual fixture"),
+)
+"""Names of `optsc.control.arbitration.POLICIES`, here so that help needs no library."""
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the subcommand."""
@@ -32,11 +38,18 @@ def add_parser(subparsers: Any) -> None:
     policies = actions.add_parser(
         "arbitration",
         help="all arbitration policies on the same scenes and people",
-        description="Plain runs from the first sample to the object that is carried: success, time, effort, jumps.",
+        description="Plain runs from the first sample to the object that is carried: success, time, effort, jumps. "
+        f"Built in are {', '.join(BUILT_IN)}; a policy of your own is named by where it is, see docs/arbitration.md.",
         epilog="example: optsc study arbitration --scenes 100 --seed 1 --output arbitration-output",
     )
     add_case_options(policies, robots=["panda"], scenes=100, output="study-output", longest=60.0)
-    policies.add_argument("--policies", nargs="+", metavar="NAME", help="which (default: all)")
+    policies.add_argument(
+        "--policies",
+        nargs="+",
+        metavar="POLICY",
+        help="names of built-in ones, or your own as FILE.py:NAME or MODULE:NAME, a class or a function without "
+        "arguments (default: all that are built in)",
+    )
     policies.set_defaults(run=_arbitration)
     add_people(actions)
 

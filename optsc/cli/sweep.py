@@ -1,13 +1,19 @@
-"""``optsc sweep``: many settings of the selection over many scenes."""
+"""``optsc sweep``: many settings of the selection over many scenes, by a design or by a search."""
 
 from __future__ import annotations
 
 import argparse
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from optsc.cli.cases import add_case_options, cases_of, compute, executor_of
 from optsc.cli.options import checked_seed, command_line
 from optsc.cli.progress import shown_progress
+from optsc.errors import InvalidValue
 
 DEFAULT_VARIED = (
     "weight.orientation=0:1",
@@ -15,12 +21,57 @@ DEFAULT_VARIED = (
     "weight.manipulability=0:1",
     "weight.joint-travel=0:1",
 )
+DEFAULTS = {"count": 1000, "levels": 5, "base": (), "objectives": ()}
+"""Of options that only some designs look at; None on the command line tells that they were not given."""
+LOOKS_AT = {
+    "grid": ("levels",),
+    "random": ("count",),
+    "sobol": ("count",),
+    "simplex": ("levels",),
+    "one-at-a-time": ("levels", "base"),
+    "--tune": ("count", "objectives"),
+}
+"""Which of them each design looks at."""
+
+
+class _Help(argparse.Action):
+    """Print the help with the names that options can have; what they are is loaded only now."""
+
+    def __call__(self, parser: Any, *_: Any) -> None:
+        width = shutil.get_terminal_size().columns - 2
+        shape: Any = {"width": width, "subsequent_indent": "  ", "break_on_hyphens": False}
+        lines = [textwrap.fill(f"{of}: {', '.join(names)}", **shape) for of, names in _names()]
+        parser.description = textwrap.fill(parser.description, width)
+        parser.epilog = "\n".join([*lines, "", textwrap.fill(parser.epilog, width)])
+        parser.print_help()
+        parser.exit()
+
+
+def _names() -> list[tuple[str, list[str]]]:
+    from optsc.operators import TYPES
+    from optsc.robot import ROBOT_NAMES
+    from optsc.robot.manipulability import DEFINITIONS
+    from optsc.study.scenes import LEVELS
+    from optsc.study.sweep.results import MEANS
+    from optsc.study.sweep.space import COSTS, DESIGNS
+
+    return [
+        ("designs", list(DESIGNS)),
+        ("costs, as in weight.COST", sorted(COSTS)),
+        ("definitions of M, as in measure=A,B", list(DEFINITIONS)),
+        ("objectives", list(MEANS)),
+        ("people", [name for name, kind in TYPES.items() if kind.changes_mind_after is None]),
+        ("levels", list(LEVELS)),
+        ("arms", list(ROBOT_NAMES)),
+    ]
 
 
 def add_parser(subparsers: Any) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         "sweep",
+        add_help=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
         help="vary the weights of the selection over many scenes",
         description="Tries every setting of a design in every scene. Geometry is computed once per scene, and a grasp "
         "is executed once however many settings choose it. Finished rows are kept in DIR/rows and skipped when the "
@@ -29,11 +80,13 @@ def add_parser(subparsers: Any) -> None:
         epilog="example: optsc sweep --design sobol --count 1000 --scenes 50 --vary weight.orientation=0:1 "
         "weight.position=0:1 weight.manipulability=0:1 measure=yoshikawa,simox --seed 1 --output sweep-output",
     )
-    parser.add_argument("--design", default="sobol", help="grid, random, sobol, simplex or one-at-a-time")
-    parser.add_argument("--count", type=int, default=1000, help="points of random and sobol (default 1000)")
     parser.add_argument(
-        "--levels", type=int, default=5, help="values per dimension of the others (default 5)"
+        "-h", "--help", action=_Help, nargs=0, help="show this help, with all names, and exit"
     )
+    parser.add_argument("--design", help="grid, random, sobol (default), simplex or one-at-a-time")
+    parser.add_argument("--tune", action="store_true", help="search with Optuna instead of a design")
+    parser.add_argument("--count", type=int, help="points of random, sobol and --tune (default 1000)")
+    parser.add_argument("--levels", type=int, help="values per dimension of the others (default 5)")
     parser.add_argument(
         "--vary",
         nargs="+",
@@ -41,13 +94,17 @@ def add_parser(subparsers: Any) -> None:
         metavar="NAME=RANGE",
         help="name=low:high, name=low:high:log, name=low:high:integer or name=a,b,c",
     )
+    parser.add_argument("--base", nargs="+", metavar="NAME=VALUE", help="where one-at-a-time starts")
     parser.add_argument(
-        "--base", nargs="+", default=[], metavar="NAME=VALUE", help="where one-at-a-time starts"
+        "--objectives",
+        nargs="+",
+        metavar="NAME=DIRECTION",
+        help="what --tune searches for, minimize or maximize (default path_length_m=minimize "
+        "target_yoshikawa=maximize)",
     )
     parser.add_argument(
-        "--stability", type=int, default=10, metavar="N", help="cases for rankings (default 10)"
+        "--stability", type=int, default=10, metavar="N", help="cases for rankings (default 10; 0: none)"
     )
-    parser.add_argument("--tune", action="store_true", help="search with Optuna instead of a design")
     add_case_options(parser, robots=["panda"], scenes=50, output="sweep-output")
     parser.set_defaults(run=run)
 
@@ -55,101 +112,194 @@ def add_parser(subparsers: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the sweep and write tables, summary and report."""
     from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER
-    from optsc.study.sweep.space import Dimension, conditions, design
+    from optsc.study.sweep.space import Dimension, conditions
+
+    _check(options)
+    dimensions = [Dimension.parse(text) for text in options.vary]
+    cases, objectives = cases_of(options), _objectives(options)
+    with _kept(options):
+        points = (
+            _searched(options, cases, dimensions, objectives)
+            if options.tune
+            else _design(options, dimensions)
+        )
+        varied = conditions(points)
+        print(f"{len(varied)} settings, {len(cases.pairs())} cases", flush=True)
+        jobs = cases.jobs([*varied, PAPER, MANIPULABILITY_ONLY])
+        rows = compute(options, jobs)
+        return _report(options, jobs, rows, objectives)
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Put defaults in; raise where an option has a value it cannot have, or would not be looked at."""
+    from optsc.errors import UnknownName
 
     checked_seed(options)
-    dimensions = [Dimension.parse(text) for text in options.vary]
-    if options.tune:
-        return _tune(options, dimensions)
-    points = design(
-        options.design,
-        dimensions,
-        count=options.count,
-        levels=options.levels,
-        seed=options.seed,
-        base=_base(options, dimensions),
+    if options.tune and options.design is not None:
+        raise InvalidValue("--design", options.design, "left out with --tune, which proposes its own points")
+    options.design = options.design or "sobol"
+    mode = "--tune" if options.tune else options.design
+    if mode not in LOOKS_AT:
+        raise UnknownName("design", mode, [name for name in LOOKS_AT if name != "--tune"])
+    for name, default in DEFAULTS.items():
+        if getattr(options, name) is None:
+            setattr(options, name, default)
+        elif name not in LOOKS_AT[mode]:
+            others = ", ".join(other for other, names in LOOKS_AT.items() if name in names)
+            raise InvalidValue(f"--{name} with {mode}", getattr(options, name), f"only with {others}")
+    lowest = {"count": 1, "levels": 1 if mode == "simplex" else 2, "stability": 0}
+    for name, least in lowest.items():
+        if getattr(options, name) < least:
+            raise InvalidValue(f"--{name}", getattr(options, name), f"{least} or more")
+    if options.workers is not None and options.workers < 0:
+        raise InvalidValue("--workers", options.workers, "0 or more")
+
+
+def _objectives(options: argparse.Namespace) -> dict[str, str]:
+    from optsc.study.sweep.results import trade_off_of
+    from optsc.study.sweep.tuning import OBJECTIVES
+
+    if not options.objectives:
+        return dict(OBJECTIVES)
+    pairs = [text.partition("=")[::2] for text in options.objectives]
+    if len(dict(pairs)) < max(2, len(pairs)):
+        raise InvalidValue("--objectives", " ".join(options.objectives), "two measures or more, each once")
+    trade_off_of(dict(pairs))
+    return dict(pairs)
+
+
+@contextmanager
+def _kept(options: argparse.Namespace) -> Iterator[None]:
+    """Say on an interrupt what is there and how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(
+            f"\nfinished rows are kept in {options.output / 'rows'}; to go on: {command_line()}",
+            file=sys.stderr,
+        )
+        raise
+
+
+def _design(options: argparse.Namespace, dimensions: Any) -> Any:
+    from optsc.study.sweep.space import design
+
+    base = _base(options, dimensions)
+    return design(
+        options.design, dimensions, count=options.count, levels=options.levels, seed=options.seed, base=base
     )
-    varied = conditions(points)
-    references = [PAPER, MANIPULABILITY_ONLY]
-    cases = cases_of(options)
-    print(f"{len(varied)} settings, {len(cases.pairs())} cases", flush=True)
-    rows = compute(options, cases.jobs([*varied, *references]))
-    return _report(options, cases, rows, varied, references)
 
 
 def _base(options: argparse.Namespace, dimensions: Any) -> Any:
     """Return the point that one-at-a-time starts from: the middle of each range, but for what was given."""
     from optsc.study.sweep.space import Dimension
 
-    given = [Dimension.parse(text) for text in options.base]
-    middle = {dimension.name: dimension.at(0.5) for dimension in dimensions}
-    return {**middle, **{d.name: d.values[0] if d.values else d.low for d in given}}
+    point = {dimension.name: dimension.at(0.5) for dimension in dimensions}
+    for text in options.base:
+        given = Dimension.parse(text)
+        if len(given.values) != 1:
+            raise InvalidValue("--base", text, "one value, as in weight.pose=0.5")
+        point[given.name] = given.values[0]
+    return point
 
 
-def _report(options: argparse.Namespace, cases: Any, rows: Any, varied: Any, references: Any) -> int:
-    from optsc.study.output import save_rows, save_summary
-    from optsc.study.stability import stability
-    from optsc.study.sweep.report import build, rows_of
-    from optsc.study.sweep.results import settle
-
-    names = {condition.name for condition in references}
-    settled = settle([row for row in rows if row["condition"] not in names])
-    compared = settle([row for row in rows if row["condition"] in names])
-    save_rows(rows, options.output)
-    save_rows(rows_of([*compared, *settled]), options.output, "settings")
-    middle = varied[len(varied) // 2 : len(varied) // 2 + 1]
-    pairs = cases.pairs()[: options.stability]
-    stabilities = (
-        stability(pairs, [references[0], *middle], settings=cases.settings, seed=options.seed)
-        if pairs
-        else []
-    )
-    page = build(settled, compared, stabilities, command_line()).save(options.output)
-    best = [s.row for s in settled if s.best]
-    facts = {
-        "command": command_line(),
-        "seed": options.seed,
-        "settings": len(varied),
-        "cases": len(cases.pairs()),
-    }
-    save_summary(
-        {
-            **facts,
-            "rows": len(rows),
-            "front": best,
-            "references": [s.row for s in compared],
-            "stability": [s._asdict() for s in stabilities],
-        },
-        options.output,
-    )
-    print(f"{len(rows)} rows, {len(best)} settings on the Pareto front\nreport: {page}")
-    return 0
-
-
-def _tune(options: argparse.Namespace, dimensions: Any) -> int:
-    from optsc.study.output import save_rows, save_summary
+def _searched(options: argparse.Namespace, cases: Any, dimensions: Any, objectives: dict[str, str]) -> Any:
+    """Return the points that a search tried, in its order; what became of them is in the store."""
+    from optsc.study.output import save_rows
     from optsc.study.sweep.store import RowStore
     from optsc.study.sweep.tuning import tune
 
     with executor_of(options) as executor:
         trials = tune(
-            cases_of(options),
+            cases,
             dimensions,
             RowStore(options.output / "rows"),
             trials=options.count,
             seed=options.seed,
+            objectives=objectives,
             executor=executor,
             workers=options.workers,
             on_progress=shown_progress(),
         )
-    rows = [{"trial": t.number, **t.point, **t.values, "arrived": t.arrived, "best": t.best} for t in trials]
+    rows = [{"trial": t.number, **t.point, **t.values, "success": t.success, "best": t.best} for t in trials]
     save_rows(rows, options.output, "trials")
-    best = [row for row in rows if row["best"]]
-    facts = {"command": command_line(), "seed": options.seed, "trials": len(rows), "best": best}
+    return [trial.point for trial in trials]
+
+
+def _report(options: argparse.Namespace, jobs: Any, rows: Any, objectives: dict[str, str]) -> int:
+    from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER
+    from optsc.study.output import save_rows, save_summary
+    from optsc.study.sweep.report import build, rows_of
+    from optsc.study.sweep.results import settle, trade_off_of
+
+    references, trade_off = {PAPER.name, MANIPULABILITY_ONLY.name}, trade_off_of(objectives)
+    settled = settle([row for row in rows if row["condition"] not in references], trade_off)
+    compared = settle([row for row in rows if row["condition"] in references])
+    save_rows(rows, options.output)
+    save_rows(rows_of([*compared, *settled]), options.output, "settings")
+    stabilities = _stabilities(options, jobs, settled, trade_off)
+    report = build(settled, compared, stabilities, command_line(), rows=rows, jobs=jobs)
+    if options.objectives:
+        _add_objectives(report, settled, compared, objectives)
+    page = report.save(options.output)
+    best = [s.row for s in settled if s.best]
+    facts = {
+        "command": command_line(),
+        "seed": options.seed,
+        "settings": len(settled),
+        "cases": len(jobs),
+        "rows": len(rows),
+        "objectives": objectives,
+        "front": best,
+        "references": [s.row for s in compared],
+        "stability": [s._asdict() for s in stabilities],
+    }
     save_summary(facts, options.output)
-    for row in best:
-        print(", ".join(f"{name} {value:.4g}" for name, value in row.items() if isinstance(value, float)))
-    print(
-        f"{len(best)} of {len(rows)} trials are on the Pareto front; all of them: {options.output / 'trials.csv'}"
-    )
+    print(f"{len(rows)} rows, {len(best)} settings on the Pareto front\nreport: {page}")
     return 0
+
+
+def _stabilities(options: argparse.Namespace, jobs: Any, settled: Any, trade_off: Any) -> Any:
+    """Return how firmly rankings of the paper, the ends of the front and its knee stand, arm by arm."""
+    from dataclasses import replace
+
+    from optsc.study.conditions import PAPER
+    from optsc.study.stability import stability
+    from optsc.study.sweep.shown import shown_settings
+
+    found = []
+    robots = list(dict.fromkeys(job.scene.robot for job in jobs)) if options.stability else []
+    for robot in robots:
+        mine = [job for job in jobs if job.scene.robot == robot]
+        by_name = {condition.name: condition for condition in mine[0].conditions}
+        wanted = {PAPER.name: PAPER}
+        for label, s in shown_settings(settled, robot, trade_off).items():
+            condition = by_name[s.row["condition"]]
+            point = ", ".join(
+                f"{n.removeprefix('weight.')} {v:.2g}" if isinstance(v, float) else f"{n} {v}"
+                for n, v in condition.about.items()
+            )
+            wanted[f"{label} ({point})"] = condition
+        before = f"{robot}: " if len(robots) > 1 else ""
+        named = [replace(condition, name=before + name) for name, condition in wanted.items()]
+        pairs = [(job.scene, job.person) for job in mine[: options.stability]]
+        found += stability(pairs, named, settings=mine[0].settings, seed=options.seed)
+    return found
+
+
+def _add_objectives(report: Any, settled: Any, compared: Any, objectives: dict[str, str]) -> None:
+    """Add the picture of the first two objectives, where they are others than those of every report."""
+    import numpy as np
+
+    from optsc.viewers.report import Picture
+    from optsc.viewers.report_statistics import front
+
+    x_name, y_name = list(objectives)[:2]
+    x, y = (np.array([s.row[name] for s in settled], dtype=float) for name in (x_name, y_name))
+    success = np.array([s.row["success"] for s in settled])
+    best = np.array([s.best for s in settled], dtype=bool)
+    named = {s.row["condition"]: (s.row[x_name], s.row[y_name]) for s in compared}
+    figure = front(x, y, best, success == success.max(), (x_name, y_name), named)
+    words = ", ".join(f"{name} ({direction})" for name, direction in objectives.items())
+    caption = f"What was searched for: {words}. Settings are on the front with regard to all of these."
+    report.add("The objectives of the search", Picture("objectives", figure, caption))

@@ -31,6 +31,7 @@ from optsc.metrics.smoothness import (
     joint_log_dimensionless_jerk,
     log_dimensionless_jerk,
     movement_window,
+    moving_stretches,
     resample,
     sparc,
 )
@@ -40,7 +41,9 @@ from optsc.metrics.summary import (
     jump_measures,
     motion_measures,
     smoothness,
+    stretch_smoothness,
     summarise,
+    worst_jumps,
 )
 from optsc.metrics.switching import SwitchJump, switch_indices, switch_jump
 
@@ -67,6 +70,7 @@ __all__ = [
     "log_dimensionless_jerk",
     "motion_measures",
     "movement_window",
+    "moving_stretches",
     "operator_effort",
     "path_clearance",
     "path_length",
@@ -77,9 +81,11 @@ __all__ = [
     "smoothness",
     "sparc",
     "straightness",
+    "stretch_smoothness",
     "summarise",
     "switch_count",
     "switch_indices",
     "switch_jump",
     "time_in_mode",
+    "worst_jumps",
 ]

@@ -5,8 +5,8 @@ Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Both are without un
 movements, and greater (nearer to zero) for smoother ones.
 
 Both depend on the sample rate and on where the movement is cut out of the recording: bring everything to one
-rate with `resample`, cut with `movement_window`. On motion at constant speed the log dimensionless jerk
-measures little but how it speeds up and stops.
+rate with `resample`, cut with `movement_window` or `moving_stretches`. On motion at constant speed the log
+dimensionless jerk measures little but how it speeds up and stops.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from math import inf, log, nan
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from optsc.errors import InvalidValue
 from optsc.geometry import rotation
@@ -23,6 +23,15 @@ from optsc.geometry.rotation import Array
 from optsc.metrics.checks import finite, positive, profile
 
 Derivative = Literal["position", "velocity", "acceleration"]
+
+ONSET = 0.05
+"""Share of the peak speed from which on something counts as moving [-]; the usual one, see `movement_window`."""
+REST = 0.2
+"""Shortest rest that separates two stretches of motion [s]; ours, a reaction time."""
+SHORTEST = 0.1
+"""Shortest stretch of motion [s]; ours, one period of physiological tremor."""
+TREMOR = 0.2
+"""Time over which velocities are averaged to tell motion from trembling [s]; ours, two of its periods."""
 
 _DIFFERENCES: dict[str, int] = {"position": 3, "velocity": 2, "acceleration": 1}
 
@@ -55,16 +64,76 @@ def angular_velocity(quaternions: ArrayLike, rate: float) -> Array:
     return rate * rotation.log(rotation.multiply(q[1:], rotation.conjugate(q[:-1])))
 
 
-def movement_window(speed: ArrayLike, fraction: float = 0.05) -> slice:
-    """Return the samples from the first to the last at which ``speed`` (N,) reaches ``fraction`` of its peak.
+def movement_window(speed: ArrayLike, fraction: float = ONSET) -> slice:
+    """Return the samples of the movement in ``speed`` (N,); empty when nothing moves.
 
-    A dwell before or after a movement makes it look less smooth: cut it off first. Empty when nothing moves.
+    They go from the first to the last at which the speed reaches ``fraction`` of its peak, and from there outwards to
+    the foot of the curve, as long as the speed falls. A rest before or after a movement makes it look less smooth:
+    cut it off first. A movement from rest to rest is kept whole, and so keeps its published smoothness.
+
+    A share of the peak is how most studies find the onset of a movement (L. Botzer, A. Karniel, Frontiers in
+    Neuroscience 3, 2009); going on to the minimum before it makes up for the part that such a threshold cuts off.
     """
     v = np.abs(profile("speed", speed)[:, 0])
-    if len(v) == 0 or v.max() == 0.0:
-        return slice(0, 0)
-    fast = np.flatnonzero(v >= fraction * v.max())
-    return slice(int(fast[0]), int(fast[-1]) + 1)
+    fast = _fast(v, fraction)
+    return _to_foot(v, int(fast[0]), int(fast[-1]) + 1) if len(fast) else slice(0, 0)
+
+
+def moving_stretches(
+    velocity: ArrayLike, rate: float, fraction: float = ONSET, rest: float = REST, shortest: float = SHORTEST
+) -> list[slice]:
+    """Return the stretches of ``velocity`` (N, d), sampled at ``rate`` [Hz], in which something moves, in order.
+
+    Looked at is the speed of the mean velocity over `TREMOR` about each sample, for a hand that is held still
+    trembles. Where that reaches ``fraction`` of its peak there is motion; within it a stretch is what `movement_window`
+    makes of the speed itself, so that a movement from rest to rest is kept whole and a rest is left out.
+
+    Args:
+        velocity: of a whole recording, rests included; or speeds (N,).
+        rate: of the samples [Hz].
+        fraction: of the greatest speed of all that counts as moving [-].
+        rest: shortest time below it that separates two stretches [s]; less is a slow moment of one movement.
+        shortest: what is above it for a shorter time is no movement [s].
+    """
+    positive("rate", rate)
+    x = profile("velocity", velocity)
+    speed, steady = np.linalg.norm(x, axis=1), np.linalg.norm(_mean_over(x, round(TREMOR * rate)), axis=1)
+    fast = _fast(steady, fraction)
+    if not len(fast):
+        return []
+    breaks = np.flatnonzero(np.diff(fast) - 1 >= max(1.0, rest * rate))
+    firsts, lasts = fast[np.r_[0, breaks + 1]], fast[np.r_[breaks, len(fast) - 1]]
+    stretches: list[slice] = []
+    for first, last in zip(firsts, lasts, strict=True):
+        within = first + np.flatnonzero(speed[first : last + 1] >= fraction * speed.max())
+        if not len(within) or within[-1] - within[0] + 1 < shortest * rate:
+            continue
+        found = _to_foot(speed, int(within[0]), int(within[-1]) + 1)
+        begin = max(found.start, stretches[-1].stop) if stretches else found.start
+        stretches.append(slice(begin, found.stop))
+    return stretches
+
+
+def _mean_over(x: Array, count: int) -> Array:
+    """Return the mean of ``x`` (N, d) over about ``count`` samples about each one; fewer at the ends."""
+    half = count // 2
+    total = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
+    low = np.maximum(np.arange(len(x)) - half, 0)
+    high = np.minimum(np.arange(len(x)) + half + 1, len(x))
+    return (total[high] - total[low]) / (high - low)[:, None]
+
+
+def _fast(speed: Array, fraction: float) -> NDArray[np.intp]:
+    peak = speed.max(initial=0.0)
+    return np.flatnonzero((speed >= fraction * peak) & (speed > 0.0))
+
+
+def _to_foot(speed: Array, start: int, stop: int) -> slice:
+    while start > 0 and speed[start - 1] < speed[start]:
+        start -= 1
+    while stop < len(speed) and speed[stop] < speed[stop - 1]:
+        stop += 1
+    return slice(start, stop)
 
 
 def sparc(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from math import nan
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.metrics.clearance import Nearest, path_clearance
@@ -21,7 +24,15 @@ from optsc.metrics.interaction import (
 from optsc.metrics.limits import limit_margins
 from optsc.metrics.motion import Hand, Motion
 from optsc.metrics.paths import path_length, rotation_path, straightness
-from optsc.metrics.smoothness import angular_velocity, log_dimensionless_jerk, resample, sparc
+from optsc.metrics.smoothness import (
+    SHORTEST,
+    angular_velocity,
+    log_dimensionless_jerk,
+    movement_window,
+    moving_stretches,
+    resample,
+    sparc,
+)
 from optsc.metrics.switching import switch_jump
 
 if TYPE_CHECKING:
@@ -31,6 +42,8 @@ Measures: TypeAlias = dict[str, float]
 
 SMOOTHNESS_RATE = 100.0
 """Both smoothness measures depend on the sample rate, so everything is brought to this one [Hz]."""
+TURN_RADIUS = 0.1
+"""Where the tool moves or turns, an angle counts as what it moves so far away [m]; ours, a hand's length."""
 HAND_WINDOW = 0.25
 """Time [s] over which the hand's velocity is fitted: tremor and the tracker's noise would else count as motion."""
 HAND_DEADBAND = 0.02
@@ -60,26 +73,80 @@ def hand_velocity(hand: Hand) -> Array:
 
 
 def smoothness(motion: Motion) -> Measures:
-    """Return smoothness of tool and joints, all at `SMOOTHNESS_RATE`: LDLJ of vectors, SPARC of speeds [-]."""
-    time = np.arange(len(motion)) / motion.rate
-    if len(motion) < 2:
-        return dict.fromkeys(
-            ("ldlj_tool", "ldlj_turn", "ldlj_joint", "sparc_tool", "sparc_turn", "sparc_joint"), nan
-        )
+    """Return smoothness of tool and joints, all at `SMOOTHNESS_RATE`: LDLJ of vectors, SPARC of speeds [-].
+
+    Each is of the whole movement: rests before its beginning and after its end are cut off first, for the tool, its
+    turning and the joints separately, see `optsc.metrics.movement_window`. A rest within it counts: for recordings of
+    several movements there is `stretch_smoothness`. NaN where nothing moves.
+    """
+    row: Measures = {}
+    for space, velocity in _velocities(motion).items():
+        row.update(_smooth(space, velocity[movement_window(np.linalg.norm(velocity, axis=1))]))
+    return row
+
+
+def stretch_smoothness(motion: Motion, cuts: Sequence[int] = ()) -> Measures:
+    """Return the smoothness of the stretches in which something moves, and how many of the tool there are.
+
+    Names and units are those of `smoothness`; each is the mean over the stretches that `moving_stretches` finds,
+    weighted by their durations. Stretches are of the tool for the tool and of its turning for that; for the joints they
+    are those in which the tool moves or turns, as joints go on moving about a tool at rest. So neither a rest nor a
+    dwell makes a motion look less smooth, and a motion in many pieces is judged by its pieces: therefore the number
+    ``stretches`` of the tool's and the time ``moving_s`` [s] in them stand beside it. NaN where nothing moves.
+
+    ``cuts`` are ticks at which a stretch ends and another one begins even in motion, such as those at which robot and
+    hand relieve each other: what both do would else be judged by the trembling of one over the time of both. What
+    happens at the cut itself is a matter of `jump_measures`.
+    """
+    row: Measures = {}
+    velocities = _velocities(motion)
+    either = np.hstack([velocities["tool"], TURN_RADIUS * velocities["turn"]])
+    for space, velocity in velocities.items():
+        found = moving_stretches(either if space == "joint" else velocity, SMOOTHNESS_RATE)
+        found = _cut(found, [round(tick / motion.rate * SMOOTHNESS_RATE) for tick in cuts])
+        durations = np.array([part.stop - part.start for part in found], dtype=float)
+        parts = [_smooth(space, velocity[part]) for part in found]
+        for name in (f"ldlj_{space}", f"sparc_{space}"):
+            row[name] = _weighted([part[name] for part in parts], durations)
+        if space == "tool":
+            row.update(stretches=float(len(found)), moving_s=float(durations.sum()) / SMOOTHNESS_RATE)
+    return row
+
+
+def _cut(stretches: Sequence[slice], places: Sequence[int]) -> list[slice]:
+    """Return the pieces of stretches that are cut at ``places``, without those too short to count as a movement."""
+    pieces = []
+    for stretch in stretches:
+        inside = sorted(place for place in places if stretch.start < place < stretch.stop)
+        pieces += [slice(a, b) for a, b in pairwise([stretch.start, *inside, stretch.stop])]
+    shortest = round(SHORTEST * SMOOTHNESS_RATE)
+    return [piece for piece in pieces if piece.stop - piece.start >= shortest]
+
+
+def _velocities(motion: Motion) -> dict[str, Array]:
+    """Return velocities at `SMOOTHNESS_RATE`: of the tool (M, 3), its turning (M, 3), the joints (M, n)."""
     rate = SMOOTHNESS_RATE
+    if len(motion) < 2:
+        return {space: np.zeros((0, 1)) for space in ("tool", "turn", "joint")}
+    time = np.arange(len(motion)) / motion.rate
     _, p = resample(time, motion.X_WT.translation, rate)
     _, quaternion = resample(time, _continuous(motion.X_WT.quaternion), rate)
     _, q = resample(time, motion.q, rate)
     turn = angular_velocity(quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True), rate)
-    velocity, joints = np.diff(p, axis=0) * rate, np.diff(q, axis=0) * rate
+    return {"tool": np.diff(p, axis=0) * rate, "turn": turn, "joint": np.diff(q, axis=0) * rate}
+
+
+def _smooth(space: str, velocity: Array) -> Measures:
+    rate = SMOOTHNESS_RATE
     return {
-        "ldlj_tool": log_dimensionless_jerk(velocity, rate),
-        "ldlj_turn": log_dimensionless_jerk(turn, rate),
-        "ldlj_joint": log_dimensionless_jerk(joints, rate),
-        "sparc_tool": sparc(np.linalg.norm(velocity, axis=1), rate),
-        "sparc_turn": sparc(np.linalg.norm(turn, axis=1), rate),
-        "sparc_joint": sparc(np.linalg.norm(joints, axis=1), rate),
+        f"ldlj_{space}": log_dimensionless_jerk(velocity, rate),
+        f"sparc_{space}": sparc(np.linalg.norm(velocity, axis=1), rate),
     }
+
+
+def _weighted(values: Sequence[float], weights: Array) -> float:
+    there = ~np.isnan(np.asarray(values, dtype=float))
+    return float(np.average(np.asarray(values)[there], weights=weights[there])) if there.any() else nan
 
 
 def _continuous(quaternion: Array) -> Array:
@@ -171,20 +238,32 @@ def summarise(
     *,
     R_WS: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     nearest: Nearest | None = None,
+    targets: Sequence[Pose | None] | None = None,
 ) -> Measures:
-    """Return all measures of ``motion``, and the worst of each jump over all its changes of mode."""
+    """Return all measures of ``motion``, and the worst of each jump over all its changes of mode.
+
+    ``targets`` are what the tool heads for, one for each tick, see `worst_jumps`. Smoothness is that of the movement
+    from its beginning to its end, see `smoothness`.
+    """
     return {
         **motion_measures(motion, robot, nearest),
         **interaction_measures(motion, R_WS),
-        **worst_jumps(motion),
+        **worst_jumps(motion, targets),
     }
 
 
-def worst_jumps(motion: Motion) -> Measures:
-    """Return the worst of each part of `jump_measures` over all changes of mode; NaN where there is none."""
+def worst_jumps(motion: Motion, targets: Sequence[Pose | None] | None = None) -> Measures:
+    """Return the worst of each part of `jump_measures` over all changes of mode; NaN where there is none.
+
+    ``targets`` (N,) are what the tool heads for at each tick, None where there is nothing: the one of the first tick
+    of the new mode counts. Without them the distances to the target are NaN. The worst of the parts need not be of
+    the same change. Raises `InvalidValue` unless there is one for each tick.
+    """
+    if targets is not None and len(targets) != len(motion):
+        raise InvalidValue("targets", len(targets), f"{len(motion)}, one for each tick")
     row: Measures = jump_measures(motion, -1)
     changes = [i for i in range(1, len(motion)) if motion.modes[i] != motion.modes[i - 1]]
-    jumps = [jump_measures(motion, index) for index in changes]
+    jumps = [jump_measures(motion, index, None if targets is None else targets[index]) for index in changes]
     for name in row:
         values = [jump[name] for jump in jumps if jump[name] == jump[name]]
         row[name] = max(values) if values else nan

@@ -26,7 +26,7 @@ _ABOVE_ZERO = (
 
 @dataclass(frozen=True)
 class HumanParameters:
-    """A person with a hand-held tracker; every value with its unit and its source.
+    """A person with a hand-held tracker; every value with its unit and its source, see also ``docs/operators.md``.
 
     Attributes:
         sample_rate: of the tracker [Hz]; the display rate at which headsets hand out poses.
@@ -34,28 +34,31 @@ class HumanParameters:
         misalignment: greatest angle between hand and tool at the start [rad]; ours. People work on without
             noticing up to about 20 degrees (Che et al. 2015).
         fitts_intercept: a of MT = a + b ID [s]; ours.
-        fitts_slope: b [s/bit]; 1 / 2.88 bit/s with a master-slave arm (Draper, Handel, Hood 1990).
+        fitts_slope: b [s/bit]; 1 / 2.88 bit/s with a master-slave arm (Draper, Handel, Hood 1990), by hand 16.98.
         position_tolerance: how near to where it is wanted the tool has to come [m]; ours.
         rotation_tolerance: the same for its orientation [rad]; ours.
         reaction: from seeing an error to moving against it [s]; 0.12 to 0.20 (Saunders and Knill 2005).
         patience: longest wait for a tool that has not come to rest [s]; ours.
-        corrections: most corrective movements before the person gives a pose up; ours.
+        corrections: most corrective movements before the person gives a pose up; ours. The bare hand takes one
+            (Meyer et al. 1988), with an arm that lags there are more (Ferrell 1965).
         attempts: how many other poses are then tried before the person takes one as it is; ours.
         motor_noise: standard deviation of the hand's velocity noise, as a share of its speed [-]: noise that
             grows with the signal (Harris and Wolpert 1998). Value ours: a reach of 1 s ends 4 % off.
         motor_noise_time: correlation time of that noise [s]: the muscle's low-pass of two stages of 30 and
             40 ms (van Beers, Haggard, Wolpert 2004).
-        tremor: root mean square of the tremor, for each axis [m]; 0.02 to 0.25 mm (PMC3032442, Fig. 4).
+        tremor: root mean square of the tremor, for each axis [m]; 0.015 to 0.25 mm with an instrument in hand
+            (PMC3032442, Fig. 4). Of the empty hand it is less (Archives of Neurology 39, 358, 1982).
         tremor_rotation: the same for rotation [rad]; ours, 0.2 mm at 15 cm from the wrist.
-        tremor_frequency: middle of the 8 to 12 Hz band of physiological tremor [Hz].
+        tremor_frequency: within the 6 to 12 Hz in which physiological tremor peaks [Hz] (Lakie et al. 2015).
         tremor_bandwidth: width of its peak at half power [Hz]; ours, most of it then is in that band.
         drift: root mean square of the slow wandering of an unsupported arm, for each axis [m]; ours.
         drift_rotation: the same for rotation [rad]; ours.
         drift_time: its correlation time [s]; ours.
         tracker_noise: standard deviation of the tracker, for each axis [m]; ours, consumer trackers reach
             0.15 mm at rest (Maciejewski 2021) and are worse in use.
-        tracker_noise_rotation: the same for rotation [rad]; ours.
-        dwell: between being content with the pose and pressing the trigger [s]; ours.
+        tracker_noise_rotation: the same for rotation [rad]; ours, ten times the 0.008 degrees there.
+        dwell: between being content with the pose and pressing the trigger [s]; ours, as long as the dwell that
+            selects in a study of pointing by gaze and head (Hansen et al. 2018).
         press: how long the trigger is held [s]; ours.
         retrigger: least time between a lost automation and the next trigger [s]; ours.
         grasp_tolerance: how near to a grasp the tool has to come to close the jaws by hand [m, rad]; ours.

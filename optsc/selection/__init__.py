@@ -11,6 +11,7 @@ from optsc.selection.costs import (
     PoseDistance,
     PositionDistance,
     QualityLoss,
+    TableCost,
 )
 from optsc.selection.filters import AtMost, GraspFilter
 from optsc.selection.hysteresis import Hysteresis
@@ -51,6 +52,7 @@ __all__ = [
     "Stage",
     "StraightMotion",
     "StraightWay",
+    "TableCost",
     "Target",
     "Vetoed",
     "WayClearanceLoss",

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         compare,
         explanation,
         failures,
+        pair_means,
         pairs_of,
     )
     from optsc.study.arbitration import (
@@ -25,24 +26,28 @@ if TYPE_CHECKING:
         do_policies,
         outcome,
         play,
+        policy_condition,
         policy_conditions,
         policy_jobs,
+        simulated,
     )
+    from optsc.study.arms import Arm
     from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
     from optsc.study.demo import Demo, run_demo
     from optsc.study.engine import Choice, Engine, Executed
     from optsc.study.fresh import FreshSelector
     from optsc.study.libraries import library_of
     from optsc.study.lifting import is_lifted
-    from optsc.study.outcomes import Job, Row
+    from optsc.study.outcomes import Job, Row, do, scene_means
     from optsc.study.output import save_rows, save_summary
     from optsc.study.scenes import LEVELS, Difficulty, Grade, Scene, grade, random_scene, scene_set
     from optsc.study.soak import Soak
     from optsc.study.stability import Stability
-    from optsc.study.staging import FOLLOWERS, Settings, Stage
+    from optsc.study.staging import FOLLOWERS, Settings, Stage, episode_key
     from optsc.study.statistics import (
         Interval,
         PairedDifference,
+        averages,
         bootstrap,
         kendall_tau,
         paired_difference,
@@ -51,15 +56,18 @@ if TYPE_CHECKING:
         share_interval,
     )
     from optsc.study.sweep.plan import Cases
+    from optsc.study.sweep.results import Settled, settle
     from optsc.study.sweep.runner import JobFailed, Progress, dask_executor, run_jobs
     from optsc.study.sweep.space import Dimension, rule_of
     from optsc.study.sweep.store import RowStore
+    from optsc.study.sweep.tuning import Trial, tune
 
 _WHERE = {
     "FOLLOWERS": "staging",
     "LEVELS": "scenes",
     "MANIPULABILITY_ONLY": "conditions",
     "PAPER": "conditions",
+    "Arm": "arms",
     "Cases": "sweep.plan",
     "Choice": "engine",
     "Comparison": "approach",
@@ -85,14 +93,19 @@ _WHERE = {
     "RowStore": "sweep.store",
     "Scene": "scenes",
     "Settings": "staging",
+    "Settled": "sweep.results",
     "Soak": "soak",
     "Stability": "stability",
     "Stage": "staging",
+    "Trial": "sweep.tuning",
     "approach_conditions": "approach",
+    "averages": "statistics",
     "bootstrap": "statistics",
     "compare": "approach",
     "dask_executor": "sweep.runner",
+    "do": "outcomes",
     "do_policies": "arbitration",
+    "episode_key": "staging",
     "explanation": "approach",
     "failures": "approach",
     "grade": "scenes",
@@ -100,10 +113,12 @@ _WHERE = {
     "kendall_tau": "statistics",
     "library_of": "libraries",
     "outcome": "arbitration",
+    "pair_means": "approach",
     "paired_difference": "statistics",
     "pairs_of": "approach",
     "pareto_front": "statistics",
     "play": "arbitration",
+    "policy_condition": "arbitration",
     "policy_conditions": "arbitration",
     "policy_jobs": "arbitration",
     "random_scene": "scenes",
@@ -113,8 +128,12 @@ _WHERE = {
     "run_jobs": "sweep.runner",
     "save_rows": "output",
     "save_summary": "output",
+    "scene_means": "outcomes",
     "scene_set": "scenes",
+    "settle": "sweep.results",
     "share_interval": "statistics",
+    "simulated": "arbitration",
+    "tune": "sweep.tuning",
 }
 _PARTS = ("people", "sweep")
 
@@ -123,6 +142,7 @@ __all__ = [
     "LEVELS",
     "MANIPULABILITY_ONLY",
     "PAPER",
+    "Arm",
     "Cases",
     "Choice",
     "Comparison",
@@ -148,14 +168,19 @@ __all__ = [
     "RowStore",
     "Scene",
     "Settings",
+    "Settled",
     "Soak",
     "Stability",
     "Stage",
+    "Trial",
     "approach_conditions",
+    "averages",
     "bootstrap",
     "compare",
     "dask_executor",
+    "do",
     "do_policies",
+    "episode_key",
     "explanation",
     "failures",
     "grade",
@@ -163,11 +188,13 @@ __all__ = [
     "kendall_tau",
     "library_of",
     "outcome",
+    "pair_means",
     "paired_difference",
     "pairs_of",
     "pareto_front",
     "people",
     "play",
+    "policy_condition",
     "policy_conditions",
     "policy_jobs",
     "random_scene",
@@ -177,9 +204,13 @@ __all__ = [
     "run_jobs",
     "save_rows",
     "save_summary",
+    "scene_means",
     "scene_set",
+    "settle",
     "share_interval",
+    "simulated",
     "sweep",
+    "tune",
 ]
 
 

@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optsc.control.rollout import BRISK
 from optsc.robot.manipulability import DEFINITIONS
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
 from optsc.study.engine import Engine
 from optsc.study.outcomes import MEASURED, Row
 from optsc.study.scenes import Scene
 from optsc.study.staging import Settings
-from optsc.study.statistics import PairedDifference, paired_difference, share_interval
+from optsc.study.statistics import PairedDifference, averages, paired_difference, share_interval
 
 STRATEGIES = (PAPER, MANIPULABILITY_ONLY)
 CLAIMS: dict[str, tuple[str, float]] = {
@@ -81,42 +82,56 @@ class Comparison(NamedTuple):
     Attributes:
         robot, measure: which.
         cases: how many pairs there are, complete ones among them, those with the same grasp among these.
-        differences: by measure, paper minus manipulability only, over the complete pairs.
-        arrived: of each strategy, the share of all cases in which it arrived at a grasp, with its interval.
+        scenes: how many scenes these are in: all pairs, the complete ones. Several people in a scene are no independent
+            cases: what follows is over scenes, each with the mean of its pairs.
+        differences: by measure, paper minus manipulability only, over the scenes of complete pairs.
+        arrived: of each strategy, the share of all cases in which it arrived at a grasp, with Wilson's interval for as
+            many trials as there are scenes.
     """
 
     robot: str
     measure: str
     cases: tuple[int, int, int]
+    scenes: tuple[int, int]
     differences: dict[str, PairedDifference]
     arrived: dict[str, tuple[float, float, float]]
 
 
 def compare(rows: Sequence[Row], seed: int = 0) -> list[Comparison]:
     """Return the comparison for each arm and definition of M in ``rows``; ``seed`` is of the bootstrap."""
-    found = []
-    for robot in dict.fromkeys(row["robot"] for row in rows):
-        for measure in dict.fromkeys(row["measure"] for row in rows):
-            pairs = pairs_of(rows, robot, measure)
-            complete = [pair for pair in pairs if pair.complete]
-            # The same resamples for every measure: intervals differ by the data alone.
-            differences = {
-                name: paired_difference(
-                    [pair.paper[name] for pair in complete],
-                    [pair.other[name] for pair in complete],
-                    np.random.default_rng(seed),
-                )
-                for name in COMPARED
-            }
-            arrived = {
-                strategy.name: tuple(
-                    share_interval(sum(bool(pair[k]["success"]) for pair in pairs), len(pairs))
-                )
-                for k, strategy in enumerate(STRATEGIES)
-            }
-            counts = (len(pairs), len(complete), sum(pair.same_grasp for pair in complete))
-            found.append(Comparison(robot, measure, counts, differences, arrived))  # type: ignore[arg-type]
-    return found
+    return [
+        _compared(robot, measure, pairs_of(rows, robot, measure), seed)
+        for robot in dict.fromkeys(row["robot"] for row in rows)
+        for measure in dict.fromkeys(row["measure"] for row in rows)
+    ]
+
+
+def _compared(robot: str, measure: str, pairs: Sequence[Pair], seed: int) -> Comparison:
+    complete = [pair for pair in pairs if pair.complete]
+    differences = {}
+    for name in COMPARED:
+        paper, other = pair_means(complete, name)
+        # The same resamples for every measure: intervals differ by the data alone.
+        differences[name] = paired_difference(paper, other, np.random.default_rng(seed))
+    arrived: dict[str, tuple[float, float, float]] = {}
+    for strategy, shares in zip(STRATEGIES, pair_means(pairs, "success"), strict=True):
+        arrived[strategy.name] = tuple(share_interval(sum(shares), len(shares)))  # type: ignore[assignment]
+    counts = (len(pairs), len(complete), sum(pair.same_grasp for pair in complete))
+    scenes = (len(_scenes(pairs)), len(_scenes(complete)))
+    return Comparison(robot, measure, counts, scenes, differences, arrived)
+
+
+def _scenes(pairs: Sequence[Pair]) -> set[str]:
+    return {pair.paper["scene"] for pair in pairs}
+
+
+def pair_means(pairs: Sequence[Pair], name: str) -> tuple[list[float], list[float]]:
+    """Return the measure of that name under both strategies: one mean for each scene in which a pair has both."""
+    return averages(
+        [pair.paper["scene"] for pair in pairs],
+        [pair.paper[name] for pair in pairs],
+        [pair.other[name] for pair in pairs],
+    )
 
 
 _FACTS = (
@@ -174,19 +189,29 @@ def _why(pair: Pair, parts: dict[str, float]) -> str:
     paper, other = pair
     if "arrives" in parts:
         return f"the paper's choice did not arrive: {paper['ended']}"
-    nearer = paper["jump_target_distance_m"] <= other["jump_target_distance_m"]
-    turned = paper["jump_target_chord"] <= other["jump_target_chord"]
+    if paper["hand_over"] != other["hand_over"]:
+        return "one of the two was refused at first, so that they did not start from the same ready pose"
     if "shorter" in parts:
-        if not nearer and turned:
-            return (
-                "orientation came first: a nearer grasp was turned more, and was left out by the first stage"
-            )
-        if nearer:
-            return "the grasp is nearer, but the way to it over its pre-grasp is longer"
-        return "of the six finalists the one of greatest M is further away and turned more than the other's choice"
-    if "quicker" in parts or "turns less" in parts:
-        return "the way is not longer, but the tool turns more, and turning set the pace"
-    return "shorter, but less smooth by a measure that weighs how motion starts and stops"
+        return _why_longer(paper, other)
+    if "turns less" in parts:
+        if "quicker" in parts:
+            return "the way is not longer, but the tool turns more, and turning set the pace"
+        return "the way is not longer and takes no longer, but the tool turns more"
+    if "quicker" in parts:
+        # The time law of a way that is neither longer nor turns more takes no longer: the arm was behind it.
+        if paper["velocity_share"] > BRISK:
+            return "neither longer nor turning more, but a joint came near its greatest speed, and the arm fell behind"
+        return "neither longer nor turning more, but the arm took longer to settle where its paths end"
+    return "not longer, but less smooth by a measure that weighs how motion starts and stops"
+
+
+def _why_longer(paper: Row, other: Row) -> str:
+    if paper["jump_target_distance_m"] <= other["jump_target_distance_m"]:
+        return "the grasp is nearer, but the way to it over its pre-grasp is longer"
+    if paper["jump_target_chord"] <= other["jump_target_chord"]:
+        return "orientation came first: a nearer grasp was turned more, and was left out by the first stage"
+    # The cascade prefers a grasp that is nearer in both and has the greater M, unless its way is not free.
+    return "the grasp is further away and turned more: a better one by its rank was passed over for its way"
 
 
 def explanation(failure: Failure, settings: Settings, scene: Scene) -> str:

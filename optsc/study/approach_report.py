@@ -15,9 +15,10 @@ from optsc.study.approach import (
     Failure,
     Pair,
     explanation,
+    pair_means,
     pairs_of,
 )
-from optsc.study.conditions import Person
+from optsc.study.conditions import Condition, Person
 from optsc.study.engine import Engine
 from optsc.study.outcomes import Row
 from optsc.study.scenes import Scene
@@ -42,6 +43,8 @@ def summary_of(comparisons: Sequence[Comparison], failed: Sequence[Failure]) -> 
             "cases": c.cases[0],
             "complete_pairs": c.cases[1],
             "same_grasp": c.cases[2],
+            "scenes": c.scenes[0],
+            "scenes_compared": c.scenes[1],
             "success": c.arrived,
             "differences": {name: difference._asdict() for name, difference in c.differences.items()},
         }
@@ -65,7 +68,8 @@ def build(
     report = Report(
         "The grasp that suits hand and arm, against the grasp that suits the arm alone",
         "Both strategies start from the same hand-over in the same scene at the same speed; what differs is which "
-        "grasp is chosen. Differences are paper minus manipulability only, each scene counts once.",
+        "grasp is chosen. Differences are paper minus manipulability only. A scene counts once: where several people "
+        "do the same task in it, it has the mean of those who arrived under both strategies.",
     )
     report.add("How it was made", f"Command: {command}", *_counts(comparisons))
     report.add("The claim in parts", _forest(comparisons), *_tables(comparisons))
@@ -76,16 +80,17 @@ def build(
 
 
 def _counts(comparisons: Sequence[Comparison]) -> list[Table]:
-    head = ["arm", "M", "cases", "both arrived", "same grasp", *(f"success: {s.name}" for s in STRATEGIES)]
+    counted = ["cases", "both arrived", "same grasp", "scenes", "scenes compared"]
+    head = ["arm", "M", *counted, *(f"success: {s.name}" for s in STRATEGIES)]
     lines = []
     for c in comparisons:
         shares = [_share(c.arrived[strategy.name]) for strategy in STRATEGIES]
-        lines.append([c.robot, c.measure, *c.cases, *shares])
-    return [
-        Table(
-            head, lines, "Cases; success is arriving at a grasp of the wanted object, with Wilson's interval"
-        )
-    ]
+        lines.append([c.robot, c.measure, *c.cases, *c.scenes, *shares])
+    caption = (
+        "A case is a person in a scene. Success is arriving at a grasp of the wanted object, a mean over scenes with "
+        "Wilson's interval for as many trials as there are scenes"
+    )
+    return [Table(head, lines, caption)]
 
 
 def _share(interval: tuple[float, float, float]) -> str:
@@ -106,8 +111,9 @@ def _forest(comparisons: Sequence[Comparison]) -> Picture:
     }
     signs = {UNITS.get(part, part): sign for part, (_, sign) in CLAIMS.items()}
     caption = (
-        "Mean paired differences, paper minus manipulability only, with 95 % bootstrap intervals, for each definition "
-        "of M. The tinted side is in favour of the claim; smoothness is log dimensionless jerk, greater is smoother."
+        "Mean paired differences, paper minus manipulability only, with 95 % bootstrap intervals over scenes, for each "
+        "definition of M. The tinted side is in favour of the claim; smoothness is log dimensionless jerk, greater is "
+        "smoother."
     )
     return Picture("differences", forest(panels, measures, signs), caption)
 
@@ -115,7 +121,7 @@ def _forest(comparisons: Sequence[Comparison]) -> Picture:
 def _tables(comparisons: Sequence[Comparison]) -> list[Table]:
     head = [
         "M",
-        "pairs",
+        "scenes",
         "paper",
         "other",
         "difference",
@@ -144,10 +150,14 @@ def _scatter(rows: Sequence[Row], comparisons: Sequence[Comparison]) -> Picture:
     panels = []
     for robot in dict.fromkeys(c.robot for c in comparisons):
         pairs = [pair for pair in pairs_of(rows, robot, measure) if pair.complete]
-        x, y = (np.array([pair[k]["path_length_m"] for pair in pairs]) for k in (1, 0))
+        y, x = (np.array(means) for means in pair_means(pairs, "path_length_m"))
         panels.append(Scatter(f"{robot}, M: {measure}", x, y, y > x + 1e-6))
     figure = paired_scatter(panels, "manipulability only: path [m]", "paper: path [m]", "paper longer")
-    return Picture("paths", figure, "One point per scene; below the diagonal the paper's way is shorter.")
+    return Picture(
+        "paths",
+        figure,
+        "One point per scene, a mean where several people were in it; below the diagonal the paper's way is shorter.",
+    )
 
 
 def _failure_tables(failed: Sequence[Failure]) -> list[Table | str]:
@@ -248,9 +258,13 @@ def _renamed(path: Path, label: str) -> Path:
 
 def paths_of(scene: Scene, pair: Pair, settings: Settings) -> list[Path]:
     """Return the tool's way under both strategies, made again from the rows' own seeds."""
-    engine = Engine(scene, Person(pair.paper["person"], pair.paper["person_seed"]), settings)
-    conditions = [strategy.with_measure(pair.paper["measure"]) for strategy in STRATEGIES]
-    found = []
+    person = Person(pair.paper["person"], pair.paper["person_seed"])
+    return ways(scene, person, [s.with_measure(pair.paper["measure"]) for s in STRATEGIES], settings)
+
+
+def ways(scene: Scene, person: Person, conditions: Sequence[Condition], settings: Settings) -> list[Path]:
+    """Return the tool's way to the grasp under each condition, named as it is; none for one that chooses nothing."""
+    engine, found = Engine(scene, person, settings), []
     for condition, choice in zip(conditions, engine.choices(conditions), strict=True):
         if choice is not None:
             motion = engine.motion(condition, choice).track.motion()

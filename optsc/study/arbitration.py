@@ -6,9 +6,11 @@ its own, from the first sample to the object that is carried or the end of patie
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import nan
 from typing import Any
 
@@ -16,9 +18,17 @@ import numpy as np
 
 from optsc.control.arbitration import POLICIES, Arbitration, Trigger, make_policy
 from optsc.control.modes import Mode
+from optsc.errors import InvalidValue, Mismatch, UnknownName
 from optsc.followers import Follower
-from optsc.metrics import Motion, summarise
-from optsc.metrics.summary import worst_jumps
+from optsc.geometry import Pose
+from optsc.metrics import (
+    Motion,
+    interaction_measures,
+    motion_measures,
+    stretch_smoothness,
+    time_in_mode,
+    worst_jumps,
+)
 from optsc.operators import Operator
 from optsc.operators.simulated import R_WS_DEFAULT
 from optsc.records import Run, Tick
@@ -26,33 +36,97 @@ from optsc.session import run
 from optsc.study.conditions import Person
 from optsc.study.keys import key, plain
 from optsc.study.lifting import is_lifted
-from optsc.study.outcomes import Row, case_labels, nearest_to
+from optsc.study.loading import absolute, load_named
+from optsc.study.outcomes import JUMPS, Row, case_labels, nearest_to
 from optsc.study.scenes import Scene
 from optsc.study.staging import Settings, Stage, episode_key
 from optsc.study.sweep.plan import Cases
 
-VERSION = 2
+VERSION = 3
 """Version of what a row means; part of every key."""
+TIMES = tuple(f"time_{mode.value}_s" for mode in Mode)
+"""Time in each mode of the whole episode [s]; they add up to ``whole_s``."""
 REPORTED = (
     *("grasp_s", "effort_m", "intervention", "agreement", "disagreement", "switches", "path_length_m"),
-    *("rotation_rad", "ldlj_tool", "ldlj_joint", "sparc_tool", "clearance_m", "limit_margin_share"),
-    *("jump_position_m", "jump_rotation_rad", "jump_velocity_m_s", "jump_angular_velocity_rad_s"),
-    *("jump_acceleration_m_s2", "jump_jerk_m_s3", "jump_joint_rad", "jump_branch_flip"),
+    *("rotation_rad", "ldlj_tool", "ldlj_turn", "ldlj_joint", "sparc_tool", "sparc_turn", "sparc_joint"),
+    *("stretches", "moving_s", "clearance_m", "limit_margin_share"),
+    *JUMPS,
 )
-"""Numbers of a row, taken up to the moment at which the jaws begin to close for the last time."""
+"""Numbers of a row, taken up to the moment at which the jaws begin to close for the last time.
+
+Smoothness is of the stretches in which something moves, what the hand leads and what the robot does by itself apart,
+weighted by their durations, with their number and their time beside it (`optsc.metrics.stretch_smoothness`): whoever
+waits, or has the person wait, is no less smooth for it. Jumps
+are the worst of each part over all changes of mode of the whole episode, closing the jaws included. The distances d_l
+and d_a are those at which the hand gives the motion away: from the tool to what it heads for at the first tick of the
+new mode. Where the robot goes on by itself, to the grasp or to lift, they are of its own making and do not count.
+"""
+_POLICY = ("name", "trigger", "assists", "aim", "blend", "begins")
 
 
 @dataclass(frozen=True)
 class PolicyCondition:
-    """A policy under test, by its name in tables."""
+    """A policy under test, by its name in tables.
+
+    Attributes:
+        name: for tables.
+        policy: with its settings.
+        source: where it was loaded from, as `policy_condition` takes it, so that another process can do the same;
+            empty for one that any process can import.
+    """
 
     name: str
     policy: Arbitration
+    source: str = ""
 
     @cached_property
     def key(self) -> str:
-        """Hash of the policy and its settings."""
-        return key([VERSION, type(self.policy).__name__, plain(self.policy)])
+        """Hash of the policy and its settings, and of its code where it is not this library's own."""
+        policy: Any = self.policy
+        settings = plain(policy) if is_dataclass(policy) else plain([type(policy), vars(policy)])
+        return key([VERSION, type(policy).__name__, settings])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.source:
+            return _loaded_again, (self.source, self.key)
+        return PolicyCondition, (self.name, self.policy)
+
+
+def policy_condition(text: str) -> PolicyCondition:
+    """Return the policy that ``text`` names: a built-in one, or one's own as ``FILE.py:NAME`` or ``MODULE:NAME``.
+
+    ``NAME`` is a policy, its class, or a function without arguments that returns one.
+
+    Raises:
+        UnknownName: there is none of that name.
+        DamagedFile: there is no such file or module, or it cannot be imported.
+        InvalidValue: what it names is no policy.
+    """
+    if text in POLICIES:
+        return PolicyCondition(text, make_policy(text))
+    if ":" not in text:
+        raise UnknownName("arbitration policy", text, [*POLICIES, "FILE.py:NAME", "MODULE:NAME"])
+    policy = load_named(text)
+    if callable(policy):
+        try:
+            inspect.signature(policy).bind()
+        except (TypeError, ValueError) as error:
+            raise InvalidValue(
+                text, policy, f"something that can be called without arguments ({error})"
+            ) from None
+        policy = policy()
+    missing = [name for name in _POLICY if not hasattr(policy, name)]
+    if missing:
+        raise InvalidValue(text, policy, f"an arbitration policy; it has no {', '.join(missing)}")
+    return PolicyCondition(policy.name, policy, absolute(text))
+
+
+def _loaded_again(source: str, expected: str) -> PolicyCondition:
+    """Return a policy from its file once more, in another process; raise `Mismatch` when the file has changed."""
+    condition = policy_condition(source)
+    if condition.key != expected:
+        raise Mismatch(f"the study with {source}", expected, condition.key)
+    return condition
 
 
 @dataclass(frozen=True)
@@ -75,8 +149,15 @@ class PolicyJob:
 
 
 def policy_conditions(names: Sequence[str] | None = None) -> tuple[PolicyCondition, ...]:
-    """Return the built-in policies of these names, by default all; raise `UnknownName`."""
-    return tuple(PolicyCondition(name, make_policy(name)) for name in names or sorted(POLICIES))
+    """Return the policies of these names, by default all built-in ones; see `policy_condition`.
+
+    Raises `InvalidValue` besides when two go by the same name, as rows of one could not be told from the other's.
+    """
+    conditions = tuple(policy_condition(name) for name in names or sorted(POLICIES))
+    called = [condition.name for condition in conditions]
+    if len(set(called)) < len(called):
+        raise InvalidValue("names of the policies", called, "each once")
+    return conditions
 
 
 def policy_jobs(cases: Cases, conditions: Sequence[PolicyCondition]) -> list[PolicyJob]:
@@ -126,7 +207,7 @@ def play(
 
 
 def outcome(stage: Stage, ticks: Run) -> Row:
-    """Return what became of an episode: numbers of `REPORTED`, and whether the wanted object was grasped.
+    """Return what became of an episode: numbers of `REPORTED` and `TIMES`, and whether the wanted object was grasped.
 
     With an ideal follower, success means that the jaws closed at a grasp of the wanted object and the arm went on to
     carry it; in a simulated world, that the object was really lifted.
@@ -134,17 +215,15 @@ def outcome(stage: Stage, ticks: Run) -> Row:
     motion = Motion.of_run(ticks, stage.robot)
     closings = [i for i in ticks.switches() if ticks.modes[i] is Mode.CLOSE]
     end = closings[-1] if closings else len(motion)
-    part = motion.part(0, end)
-    measured = summarise(part, stage.robot, R_WS=R_WS_DEFAULT, nearest=nearest_to(stage))
     target = ticks[end].step.target if closings else None
     carried = ticks.modes[-1] is Mode.CARRY
     success = carried and target is not None and target.object_name == stage.scene.goal
     if stage.settings.follower == "pybullet":
         heights = np.array([tick.objects[stage.scene.goal].translation[2] for tick in ticks])
         success = is_lifted(heights, ticks.rate)
-    # Closing the jaws is a change of mode, too.
-    measured.update(worst_jumps(motion))
+    measured = _measured(stage, ticks, motion, end)
     row: dict[str, Any] = {name: measured.get(name, nan) for name in REPORTED if name != "grasp_s"}
+    times = time_in_mode(motion.modes, motion.rate)
     return {
         "success": bool(success),
         "ended": ticks.modes[-1].value,
@@ -153,4 +232,23 @@ def outcome(stage: Stage, ticks: Run) -> Row:
         "grasp_s": end / motion.rate if success else nan,
         "manual_s": measured.get("time_manual_s", 0.0),
         **row,
+        **{name: times.get(mode.value, 0.0) for name, mode in zip(TIMES, Mode, strict=True)},
+    }
+
+
+def _measured(stage: Stage, ticks: Run, motion: Motion, end: int) -> Row:
+    """Return the measures of the first ``end`` ticks, and the worst jumps of all."""
+    part = motion.part(0, end)
+    relieved = [i for i, (a, b) in enumerate(pairwise(ticks.modes), 1) if a.automatic is not b.automatic]
+    targets: list[Pose | None] = [None] * len(motion)
+    for i in relieved:
+        target = ticks[i].step.target
+        if ticks.modes[i].automatic and target is not None:
+            targets[i] = target.X_WG
+    return {
+        **motion_measures(part, stage.robot, nearest_to(stage)),
+        **interaction_measures(part, R_WS_DEFAULT),
+        **stretch_smoothness(part, [i for i in relieved if i < end]),
+        # Closing the jaws is a change of mode, too.
+        **worst_jumps(motion, targets),
     }

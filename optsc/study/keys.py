@@ -1,4 +1,8 @@
-"""Keys: a hash of everything that determines a row, the same on every machine and in every process."""
+"""Keys: a hash of everything that determines a row, the same on every machine and in every process.
+
+Classes of this library go in by name, for the version of the engine, which is part of every row's key, stands for their
+code. Classes and functions from elsewhere go in with their code, see `optsc.study.own_code`.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import PurePath
+from types import BuiltinFunctionType, FunctionType
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from optsc.errors import InvalidValue
+from optsc.study.own_code import name_of, own_code
 
 Plain: TypeAlias = bool | int | float | str | list["Plain"] | dict[str, "Plain"] | None
 
@@ -21,7 +27,9 @@ LENGTH = 20
 
 
 def plain(value: Any) -> Plain:
-    """Return ``value`` as JSON can hold it: dataclasses with their type's name, arrays as lists.
+    """Return ``value`` as JSON can hold it: dataclasses with their type's name, arrays as lists, functions by name.
+
+    What is not this library's own comes with fingerprints of its code.
 
     Raises `InvalidValue` for anything that has no such form, so that nothing slips into a key by its address.
     """
@@ -39,15 +47,25 @@ def plain(value: Any) -> Plain:
         return [plain(item) for item in value.tolist()]
     if is_dataclass(value) and not isinstance(value, type):
         content = {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-        return {"type": type(value).__name__, **content}
+        return {"type": type(value).__name__, **_code(type(value)), **content}
+    if isinstance(value, (type, FunctionType, BuiltinFunctionType)):
+        code = {} if isinstance(value, BuiltinFunctionType) else _code(value)
+        return {"named": name_of(value), **code}
     if isinstance(value, Mapping):
         return {str(name): plain(item) for name, item in value.items()}
     if isinstance(value, (Sequence, frozenset, set)):
         items = sorted(value) if isinstance(value, (frozenset, set)) else value
         return [plain(item) for item in items]
     raise InvalidValue(
-        "part of a key", type(value).__name__, "numbers, words, sequences, mappings, dataclasses"
+        "part of a key", type(value).__name__, "numbers, words, sequences, mappings, dataclasses, functions"
     )
+
+
+def _code(thing: type | FunctionType) -> dict[str, Plain]:
+    """Return the entry that tells own code; none for classes of this library, whose keys stay what they are."""
+    code: dict[str, Plain] = dict(own_code(thing))
+    # No field of a dataclass can be called this.
+    return {"own code": code} if code else {}
 
 
 def canonical(value: Any) -> str:

@@ -19,13 +19,14 @@ from optsc.operators.simulated import R_WS_DEFAULT
 from optsc.robot import RobotModel
 from optsc.robot.collision import TABLE
 from optsc.robot.distances import DistanceModel
-from optsc.sim import OBJECT_NAMES, object_model
+from optsc.sim import OBJECT_NAMES, ObjectModel, object_model
 from optsc.study.conditions import DEFAULT_MEASURE, Condition, Person, measure
 from optsc.study.engine import Choice, Engine
 from optsc.study.keys import key
 from optsc.study.leading import ARRIVED
 from optsc.study.scenes import Scene
 from optsc.study.staging import Settings, Stage, episode_key
+from optsc.study.statistics import mean_of
 from optsc.study.tracks import Track
 
 Row: TypeAlias = dict[str, Any]
@@ -83,6 +84,32 @@ def case_labels(scene: Scene, person: Person, settings: Settings) -> Row:
         "person_seed": person.seed,
         "follower": settings.follower,
     }
+
+
+def scene_means(
+    rows: Sequence[Row], columns: Sequence[str], by: Sequence[str] = ("robot", "measure", "condition")
+) -> list[Row]:
+    """Return a row for each scene under each condition: means of ``columns`` over its people and repetitions.
+
+    A scene is the unit of a study: however many people try it, it counts once in an interval. Rows belong together
+    that have the same ``scene`` and the same in all of ``by`` that they have. Each mean is over what is finite, NaN
+    where nothing is, and ``rows`` is how many there are; the order is that of the first of each.
+    """
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row["scene"], *(row.get(name) for name in by)), []).append(row)
+    return [
+        {
+            **{name: group[0][name] for name in ("scene", *by) if name in group[0]},
+            "rows": len(group),
+            **{column: mean_of([_number(row[column]) for row in group]) for column in columns},
+        }
+        for group in groups.values()
+    ]
+
+
+def _number(value: float | None) -> float:
+    return nan if value is None else float(value)
 
 
 def do(job: Job) -> list[Row]:
@@ -169,8 +196,9 @@ def nearest_to(stage: Stage) -> Nearest:
 
     Links are capsules and objects boxes around their parts, so it is never more than the true one.
     """
-    model, world = _distance_model(stage.robot)
-    for name in OBJECT_NAMES:
+    own = tuple(m for m in stage.world.objects.values() if m not in _catalogue())
+    model, world = _distance_model(stage.robot, own)
+    for name in dict.fromkeys((*OBJECT_NAMES, *stage.world.objects)):
         model.move(name, stage.world.X_WO.get(name, ELSEWHERE))
     model.hand_may_touch(stage.scene.goal)
 
@@ -180,9 +208,13 @@ def nearest_to(stage: Stage) -> Nearest:
     return nearest
 
 
+def _catalogue() -> tuple[ObjectModel, ...]:
+    return tuple(object_model(name) for name in OBJECT_NAMES)
+
+
 @lru_cache(maxsize=4)
-def _distance_model(robot: RobotModel) -> tuple[DistanceModel, np.ndarray]:
-    """Return distances of ``robot`` to all objects there are, kept, and which of its pairs are not within the robot."""
-    obstacles = {name: (object_model(name).parts, ELSEWHERE) for name in OBJECT_NAMES}
+def _distance_model(robot: RobotModel, own: tuple[ObjectModel, ...]) -> tuple[DistanceModel, np.ndarray]:
+    """Return distances of ``robot`` to the catalogue's objects and ``own``, kept, and which pairs are not within it."""
+    obstacles = {model.name: (model.parts, ELSEWHERE) for model in (*_catalogue(), *own)}
     model = DistanceModel(robot, obstacles)
-    return model, np.flatnonzero([pair.other in (*OBJECT_NAMES, TABLE) for pair in model.pairs])
+    return model, np.flatnonzero([pair.other in (*obstacles, TABLE) for pair in model.pairs])

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
-from optsc.errors import InvalidValue, UnknownName
+from optsc.errors import InvalidValue, Mismatch, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
-from optsc.robot import ROBOT_NAMES, RobotModel, load_robot
-from optsc.sim import OBJECT_NAMES, Tabletop, object_model, tabletop
+from optsc.robot import ROBOT_NAMES, RobotModel
+from optsc.sim import OBJECT_NAMES, ObjectModel, Tabletop, object_model, tabletop
+from optsc.study.arms import Arm, arm
 from optsc.study.keys import key
 
 DRAWS = 24
@@ -84,12 +85,14 @@ class Scene:
     """An arm, objects on a table, and the one that the operator wants.
 
     Attributes:
-        robot: name of an arm in the catalogue.
-        objects: their names, each once.
+        robot: name of an arm in the catalogue, or that of ``arm``.
+        objects: their names, each once; of the catalogue unless ``models`` has one of that name.
         places: of each object x, y [m] and yaw [rad] on the table.
         goal: name of the object that the operator wants.
         seed: what it was drawn with.
         level: name of its difficulty.
+        arm: an arm that the catalogue does not have.
+        models: objects that the catalogue does not have, or has otherwise.
     """
 
     robot: str
@@ -98,14 +101,22 @@ class Scene:
     goal: str
     seed: int = 0
     level: str = "random"
+    arm: Arm | None = None
+    models: tuple[ObjectModel, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.robot not in ROBOT_NAMES:
+        if self.arm is None and self.robot not in ROBOT_NAMES:
             raise UnknownName("robot", self.robot, ROBOT_NAMES)
+        if self.arm is not None and self.robot != self.arm.name:
+            raise InvalidValue("robot", self.robot, f"the name of its arm, {self.arm.name!r}")
         if len(set(self.objects)) != len(self.objects) or len(self.objects) != len(self.places):
             raise InvalidValue(
                 "objects and places", (self.objects, self.places), "each object once, with a place"
             )
+        known = (*OBJECT_NAMES, *(model.name for model in self.models))
+        for name in self.objects:
+            if name not in known:
+                raise UnknownName("object", name, known)
         if self.goal not in self.objects:
             raise UnknownName("object of the scene", self.goal, self.objects)
         if not np.all(np.isfinite(self.places)):
@@ -117,8 +128,19 @@ class Scene:
 
         Neither seed nor level are in it: the same scene found on two ways is the same scene.
         """
-        surfaces = [object_model(name).mesh.hash for name in self.objects]
-        return key(["scene", self.robot, self.objects, surfaces, self.places, self.goal])
+        own = {model.name: _content(model) for model in self.models if model.name in self.objects}
+        surfaces = [own.get(name) or object_model(name).mesh.hash for name in self.objects]
+        robot = self.robot if self.arm is None else self.arm.key
+        return key(["scene", robot, self.objects, surfaces, self.places, self.goal])
+
+    def robot_model(self) -> RobotModel:
+        """Return the arm, the same object for the same arm: what is built for it is kept with it."""
+        return arm(self.arm or self.robot)
+
+    def object_models(self) -> dict[str, ObjectModel]:
+        """Return what the objects are, in order, the same object for the same content."""
+        own = {model.name: _kept(_Content(_content(model), model)) for model in self.models}
+        return {name: own.get(name) or object_model(name) for name in self.objects}
 
     def world(self) -> Tabletop:
         """Return the arm and the objects in their places."""
@@ -126,45 +148,67 @@ class Scene:
             name: Pose.from_rotation_vector([0.0, 0.0, yaw], [x, y, 0.0])
             for name, (x, y, yaw) in zip(self.objects, self.places, strict=True)
         }
-        models = {name: object_model(name) for name in self.objects}
-        return Tabletop(arm(self.robot), models, poses, self.seed)
+        return Tabletop(self.robot_model(), self.object_models(), poses, self.seed)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the scene as JSON holds it."""
-        return {**asdict(self), "hash": self.hash}
+        """Return the scene as JSON holds it; of what is not in the catalogue the names alone, and the hash of all."""
+        names = ("robot", "objects", "places", "goal", "seed", "level", "hash")
+        return {name: getattr(self, name) for name in names}
 
     @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> Scene:
-        """Return the scene that `to_json` gave."""
-        return cls(
+    def from_json(
+        cls, content: Mapping[str, Any], *, arm: Arm | None = None, models: Sequence[ObjectModel] = ()
+    ) -> Scene:
+        """Return the scene that `to_json` gave.
+
+        What it has from outside of the catalogue has to be given again; `Mismatch` where that is not the same.
+        """
+        scene = cls(
             content["robot"],
             tuple(content["objects"]),
             tuple((float(x), float(y), float(yaw)) for x, y, yaw in content["places"]),
             content["goal"],
             int(content["seed"]),
             content["level"],
+            arm,
+            tuple(models),
         )
+        if content.get("hash", scene.hash) != scene.hash:
+            raise Mismatch(f"stored scene of {scene.robot}", content["hash"], scene.hash)
+        return scene
 
 
-@lru_cache(maxsize=8)
-def arm(name: str) -> RobotModel:
-    """Return the arm of that name, the same object every time: what is built for it is kept with it."""
-    return load_robot(name)
+@dataclass(frozen=True)
+class _Content:
+    """An object by what it is, not by where it lies in memory."""
+
+    key: str
+    model: ObjectModel = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _kept(content: _Content) -> ObjectModel:
+    """Return the first object of that content, so that what is kept for it survives a way to another process."""
+    return content.model
+
+
+def _content(model: ObjectModel) -> str:
+    return key([model.name, model.mesh.hash, [p.hash for p in model.parts], model.mass, model.friction])
 
 
 def random_scene(
-    robot: str,
+    robot: str | Arm,
     seed: int,
     *,
-    objects: int | Sequence[str] = 3,
+    objects: int | Sequence[str | ObjectModel] = 3,
     level: str = "random",
 ) -> Scene:
     """Return a scene of ``seed``; the same arguments give the same scene.
 
     Args:
-        robot: name of an arm in the catalogue.
+        robot: name of an arm in the catalogue, or one of one's own.
         seed: of objects, places and goal.
-        objects: how many to draw, or their names.
+        objects: how many of the catalogue to draw; or which, by name or as models of one's own.
         level: one of `LEVELS`. A graded scene is, of `DRAWS` arrangements, the one whose `grade` lies nearest to the
             wanted quantiles among them.
 
@@ -178,19 +222,28 @@ def random_scene(
     if isinstance(objects, int):
         if not 1 <= objects <= len(OBJECT_NAMES):
             raise InvalidValue("number of objects", objects, f"1 to {len(OBJECT_NAMES)}")
-        names = tuple(sorted(rng.choice(OBJECT_NAMES, objects, replace=False).tolist()))
+        chosen: Sequence[str | ObjectModel] = sorted(
+            rng.choice(OBJECT_NAMES, objects, replace=False).tolist()
+        )
     else:
-        names = tuple(objects)
-    goal = names[int(rng.integers(len(names)))]
+        chosen = tuple(objects)
+    if not chosen:
+        raise InvalidValue("number of objects", 0, "1 or more")
+    index = int(rng.integers(len(chosen)))
     wanted = LEVELS[level]
     if not wanted.graded:
-        return replace(_arranged(robot, names, goal, seed, rng), level=level)
-    scenes = [_arranged(robot, names, goal, seed, rng, spread=True) for _ in range(DRAWS)]
+        return replace(_arranged(robot, chosen, index, seed, rng), level=level)
+    scenes = [_arranged(robot, chosen, index, seed, rng, spread=True) for _ in range(DRAWS)]
     return replace(scenes[_nearest([grade(scene) for scene in scenes], wanted)], level=level)
 
 
 def scene_set(
-    robots: Sequence[str], count: int, seed: int, *, level: str = "random", objects: int = 3
+    robots: Sequence[str | Arm],
+    count: int,
+    seed: int,
+    *,
+    level: str = "random",
+    objects: int | Sequence[str | ObjectModel] = 3,
 ) -> list[Scene]:
     """Return ``count`` scenes for each of ``robots``: scene k of every arm has the same objects and goal."""
     if count < 1:
@@ -205,15 +258,16 @@ def grade(scene: Scene) -> Grade:
     from optsc.metrics import limit_margins
     from optsc.study.libraries import library_of
 
-    robot, X_WO = arm(scene.robot), scene.world().X_WO
+    world = scene.world()
+    robot, X_WO, models = world.robot, world.X_WO, world.objects
     at = np.array(scene.places)[:, :2]
-    radii = np.array([_radius(name) for name in scene.objects])
+    radii = np.array([_radius(model) for model in models.values()])
     index = scene.objects.index(scene.goal)
     gaps = np.linalg.norm(at - at[index], axis=1) - radii - radii[index]
     gaps[index] = np.inf
-    middle = np.array([*at[index], 0.5 * _height(scene.goal)])
+    middle = np.array([*at[index], 0.5 * _height(models[scene.goal])])
     distance = float(np.linalg.norm(middle - robot.forward(robot.home).translation))
-    grasps = library_of(robot, (scene.goal,))[scene.goal].X_OG
+    grasps = library_of(robot, (models[scene.goal],))[scene.goal].X_OG
     picked = np.linspace(0, len(grasps) - 1, PROBES).astype(int)
     found = solve_ik(robot, X_WO[scene.goal] @ grasps[picked], seeds=robot.home, restarts=4)
     shares = [
@@ -226,9 +280,9 @@ def grade(scene: Scene) -> Grade:
 
 
 def _arranged(
-    robot: str,
-    names: tuple[str, ...],
-    goal: str,
+    robot: str | Arm,
+    chosen: Sequence[str | ObjectModel],
+    goal: int,
     seed: int,
     rng: np.random.Generator,
     *,
@@ -238,11 +292,16 @@ def _arranged(
     if spread:
         share = rng.uniform()
         spacing, gap = ((1.0 - share) * a + share * b for a, b in zip(TIGHT, WIDE, strict=True))
-        world = tabletop(arm(robot), names, draw, spacing=spacing, gap=gap)
+        world = tabletop(arm(robot), chosen, draw, spacing=spacing, gap=gap)
     else:
-        world = tabletop(arm(robot), names, draw)
+        world = tabletop(arm(robot), chosen, draw)
+    names = tuple(world.objects)
     places = tuple(_place(world.X_WO[name]) for name in names)
-    return Scene(robot, names, places, goal, int(seed))
+    own = robot if isinstance(robot, Arm) else None
+    models = tuple(entry for entry in chosen if isinstance(entry, ObjectModel))
+    return Scene(
+        str(robot) if own is None else own.name, names, places, names[goal], int(seed), arm=own, models=models
+    )
 
 
 def _place(X_WO: Pose) -> tuple[float, float, float]:
@@ -268,9 +327,9 @@ def _nearest(grades: Sequence[Grade], wanted: Difficulty) -> int:
     return int(np.argmin(miss))
 
 
-def _radius(name: str) -> float:
-    return float(np.linalg.norm(object_model(name).mesh.vertices[:, :2], axis=1).max())
+def _radius(model: ObjectModel) -> float:
+    return float(np.linalg.norm(model.mesh.vertices[:, :2], axis=1).max())
 
 
-def _height(name: str) -> float:
-    return float(object_model(name).mesh.vertices[:, 2].max())
+def _height(model: ObjectModel) -> float:
+    return float(model.mesh.vertices[:, 2].max())

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+import optsc
 from optsc.control.approach import Approach
 from optsc.control.arbitration import Arbitration
 from optsc.control.controller import SharedController
@@ -20,14 +22,14 @@ from optsc.robot.collision import CollisionModel
 from optsc.selection import GraspClearance
 from optsc.study.conditions import PAPER, Condition, Person
 from optsc.study.fresh import FreshSelector, Tables
-from optsc.study.keys import key
+from optsc.study.keys import key, plain
 from optsc.study.libraries import grasps_hash, library_of
-from optsc.study.scenes import Scene, arm
+from optsc.study.scenes import Scene
 
 if TYPE_CHECKING:
     from optsc.followers.bullet import PyBulletFollower
 
-ENGINE = 2
+ENGINE = 3
 """Version of what a row means; part of every key, raised whenever rows of equal settings would differ."""
 FOLLOWERS = ("ideal", "pybullet")
 LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")
@@ -42,12 +44,16 @@ class Settings:
         longest: an episode that has not handed over by then [s] never does.
         follower: ``ideal``, an arm that is where it was told to be, or ``pybullet``, one in a simulated world.
         approach: how the robot moves by itself.
+        library: folder of a grasp library (`optsc.GraspLibrary`) whose grasps are chosen from, such as imported or
+            seen ones; by default grasps are sampled on the objects. Rows are told apart by the grasps and not by the
+            folder, which has to be there for every process.
     """
 
     rate: float = 250.0
     longest: float = 30.0
     follower: str = "ideal"
     approach: Approach = field(default_factory=Approach)
+    library: str | Path | None = None
 
     def __post_init__(self) -> None:
         if self.follower not in FOLLOWERS:
@@ -64,11 +70,16 @@ def collision_model(robot: RobotModel) -> CollisionModel:
 
 
 def episode_key(scene: Scene, person: Person, settings: Settings) -> str:
-    """Return a hash of everything but the condition that determines a row."""
-    robot = arm(scene.robot)
+    """Return a hash of everything but the condition that determines a row.
+
+    Raises what `library_of` does: `UnknownName` for an object without stored grasps, for one.
+    """
+    robot = scene.robot_model()
     limits = {name: np.nan_to_num(getattr(robot.limits, name)) for name in LIMITS}
-    grasps = grasps_hash(robot, scene.objects)
-    return key([ENGINE, scene.hash, grasps, person.describe(), settings, limits, robot.home])
+    grasps = grasps_hash(robot, tuple(scene.object_models().values()), settings.library)
+    # The same grasps from another folder are the same grasps.
+    shared = {f.name: plain(getattr(settings, f.name)) for f in fields(settings) if f.name != "library"}
+    return key([ENGINE, optsc.__version__, scene.hash, grasps, person.describe(), shared, limits, robot.home])
 
 
 class Stage:
@@ -78,7 +89,7 @@ class Stage:
         self.scene, self.settings = scene, settings
         self.world = scene.world()
         self.robot = self.world.robot
-        self.library = library_of(self.robot, scene.objects)
+        self.library = library_of(self.robot, tuple(self.world.objects.values()), settings.library)
         self.candidates = self.library.place(self.world.X_WO)
         obstacles = {name: (model.parts, self.world.X_WO[name]) for name, model in self.world.objects.items()}
         self.clear = GraspClearance(collision_model(self.robot).scene(obstacles))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from math import nan
 from typing import NamedTuple
 
@@ -111,6 +111,25 @@ def paired_difference(a: ArrayLike, b: ArrayLike, rng: np.random.Generator) -> P
     )
 
 
+def averages(
+    groups: Sequence[Hashable], a: Sequence[float], b: Sequence[float]
+) -> tuple[list[float], list[float]]:
+    """Return the means of ``a`` (N,) and ``b`` (N,) within each of the ``groups`` (N,), in order of appearance.
+
+    For what is repeated within a case, such as several people in one scene: repetitions are not independent of each
+    other, and a bootstrap over them gives intervals that are too narrow (S. H. Hurlbert 1984). Where either is NaN,
+    both are left out, and so is a group without any left. Raises `InvalidValue` for different numbers of them.
+    """
+    if not len(groups) == len(a) == len(b):
+        raise InvalidValue("groups and paired values", (len(groups), len(a), len(b)), "as many of each")
+    found: dict[Hashable, list[tuple[float, float]]] = {}
+    for group, x, y in zip(groups, a, b, strict=True):
+        if np.isfinite(x) and np.isfinite(y):
+            found.setdefault(group, []).append((float(x), float(y)))
+    means = [np.mean(pairs, axis=0).tolist() for pairs in found.values()]
+    return [x for x, _ in means], [y for _, y in means]
+
+
 def rank_biserial(differences: ArrayLike) -> float:
     """Return the matched-pairs rank-biserial correlation of ``differences`` (N,); 0 where all are zero."""
     d = np.asarray(differences, dtype=float)
@@ -123,8 +142,12 @@ def rank_biserial(differences: ArrayLike) -> float:
     return float(np.sum(ranks * np.sign(d)) / np.sum(ranks))
 
 
-def share_interval(successes: int, count: int) -> Interval:
-    """Return a share and its interval after Wilson (1927), which also holds near 0 and 1; NaN of nothing."""
+def share_interval(successes: float, count: int) -> Interval:
+    """Return a share and its interval after Wilson (1927), which also holds near 0 and 1; NaN of nothing.
+
+    ``successes`` may be a sum of shares, where each of ``count`` cases was repeated: the interval is that of single
+    trials then, which is no less than the true one.
+    """
     if not 0 <= successes <= count:
         raise InvalidValue("successes", successes, f"0 to {count}")
     if count == 0:

@@ -18,7 +18,9 @@ from optsc.metrics import (
     motion_measures,
     path_clearance,
     smoothness,
+    stretch_smoothness,
     summarise,
+    worst_jumps,
 )
 
 RATE = 200.0
@@ -70,6 +72,64 @@ def test_smoothness_of_a_minimum_jerk_movement_is_the_published_value_in_tool_an
     assert math.isnan(row["ldlj_turn"])
 
 
+@pytest.mark.parametrize("measure", [smoothness, stretch_smoothness])
+@pytest.mark.parametrize("rest", [0.5, 2.0, 5.0])
+def test_a_rest_before_or_after_does_not_make_a_movement_less_smooth(measure, rest):
+    x, still = minimum_jerk(), np.zeros(round(rest * RATE))
+    bare, row = measure(motion(x)), measure(motion(np.concatenate([still, x, still + x[-1]])))
+    for space in ("tool", "joint"):
+        assert row[f"ldlj_{space}"] == pytest.approx(bare[f"ldlj_{space}"], abs=0.15)
+        assert row[f"sparc_{space}"] == pytest.approx(bare[f"sparc_{space}"], abs=0.005)
+
+
+def test_a_dwell_between_two_movements_counts_in_the_whole_and_not_in_the_stretches():
+    x = minimum_jerk()
+    dwelling = motion(np.concatenate([x, np.full(400, x[-1]), x[-1] + x]))
+    assert smoothness(dwelling)["ldlj_tool"] < -8.0
+    row = stretch_smoothness(dwelling)
+    assert row["ldlj_tool"] == pytest.approx(-5.22, abs=0.15)
+    assert row["sparc_joint"] == pytest.approx(-1.405, abs=0.01)
+    assert row["stretches"] == 2
+    assert row["moving_s"] == pytest.approx(2.0, abs=0.05)
+
+
+def test_stretches_are_weighed_by_how_long_they_take():
+    slow, quick = minimum_jerk(3.0), minimum_jerk(1.0)
+    wiggly = quick + 0.004 * np.sin(2 * np.pi * 6.0 * np.arange(len(quick)) / RATE)
+    both = motion(np.concatenate([slow, np.full(200, slow[-1]), slow[-1] + wiggly]))
+    one, other = (stretch_smoothness(motion(x))["ldlj_tool"] for x in (slow, wiggly))
+    assert stretch_smoothness(both)["ldlj_tool"] == pytest.approx(0.75 * one + 0.25 * other, abs=0.15)
+
+
+def test_a_short_tremble_does_not_spoil_what_the_robot_goes_on_with():
+    slow = minimum_jerk(5.0)
+    t = np.arange(len(slow)) / RATE
+    trembling = slow + np.where(t < 1.2, 0.3e-3 * np.sin(2 * np.pi * 10.0 * t), 0.0)
+    whole, cut = (stretch_smoothness(motion(trembling), cuts) for cuts in ((), (240,)))
+    assert cut["stretches"] == whole["stretches"] + 1
+    assert cut["moving_s"] == pytest.approx(whole["moving_s"])
+    assert cut["ldlj_tool"] > whole["ldlj_tool"] + 3.0
+    # A cut outside of every stretch, or one that leaves too little, changes nothing.
+    assert stretch_smoothness(motion(slow), [0, len(slow) + 5])["ldlj_tool"] == pytest.approx(-5.31, abs=0.02)
+
+
+def test_joints_that_go_on_moving_about_a_tool_at_rest_are_not_measured_then():
+    x, still = minimum_jerk(), np.zeros(400)
+    m = motion(np.concatenate([x, still + x[-1], x[-1] + x]))
+    elbow = np.column_stack([m.q, 0.3 * np.arange(len(m)) / RATE])
+    drifting = Motion(RATE, 0.0, m.modes, elbow, m.v, m.a, m.X_WT, m.hand)
+    assert smoothness(drifting)["ldlj_joint"] < -8.0
+    assert stretch_smoothness(drifting)["ldlj_joint"] == pytest.approx(-5.0, abs=0.5)
+
+
+def test_where_nothing_moves_there_is_no_smoothness_and_no_stretch():
+    for still in (motion(np.zeros(100)), motion(np.zeros(100)).part(0, 1), motion(np.zeros(100)).part(0, 0)):
+        row = stretch_smoothness(still)
+        assert (row["stretches"], row["moving_s"]) == (0.0, 0.0)
+        assert math.isnan(row["ldlj_tool"])
+        assert math.isnan(smoothness(still)["sparc_joint"])
+
+
 def test_smoothness_does_not_depend_on_the_control_rate():
     def at(rate):
         m = motion(minimum_jerk(rate=rate))
@@ -111,7 +171,8 @@ def test_effort_is_the_way_of_the_hand_without_its_trembling():
     )
     assert clean["effort_m"] == pytest.approx(0.3, rel=0.02)
     assert noisy["effort_m"] == pytest.approx(0.3, rel=0.03)
-    assert clean["intervention"] == pytest.approx(1 / 3, abs=0.1)
+    # A third of the time, and 0.083 s about it: a line fitted over 0.25 s reaches 0.02 of 0.3 m/s that early.
+    assert clean["intervention"] == pytest.approx(1 / 3 + 2 * 0.083 / 3.0, abs=0.004)
     # Neighbouring differences would have made ten times as much of it.
     assert np.linalg.norm(np.diff(rng.normal(0.0, 0.3e-3, p.shape), axis=0), axis=1).sum() > 0.15
 
@@ -157,6 +218,20 @@ def test_a_jump_at_the_switch_is_found_in_the_summary():
     assert row["time_manual_s"] == row["time_approach_s"] == pytest.approx(1.0)
     assert math.isnan(summarise(motion(x), Arm)["jump_position_m"])
     assert jump_measures(motion(x, modes), 200)["jump_position_m"] == row["jump_position_m"]
+
+
+def test_the_distance_to_the_target_is_that_at_the_first_tick_of_the_new_mode():
+    x = 0.1 * np.arange(400) / RATE
+    modes = ["manual"] * 150 + ["approach"] * 150 + ["close"] * 100
+    here, there = (Pose.from_translation([x[i] + d, 0.0, 0.0]) for i, d in ((150, 0.3), (300, 0.01)))
+    targets = [None] * 150 + [here] * 150 + [there] * 100
+    m = motion(x, modes)
+    assert worst_jumps(m, targets)["jump_target_distance_m"] == pytest.approx(0.3)
+    assert summarise(m, Arm, targets=targets)["jump_target_distance_m"] == pytest.approx(0.3)
+    assert worst_jumps(m, [None] * 200 + targets[200:])["jump_target_distance_m"] == pytest.approx(0.01)
+    assert math.isnan(worst_jumps(m)["jump_target_chord"])
+    with pytest.raises(InvalidValue, match="one for each tick"):
+        worst_jumps(m, targets[1:])
 
 
 def test_margins_count_the_nearest_joint_and_share_only_where_there_is_a_range():

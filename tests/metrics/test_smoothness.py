@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from optsc.metrics import (
     joint_log_dimensionless_jerk,
     log_dimensionless_jerk,
     movement_window,
+    moving_stretches,
     resample,
     sparc,
 )
@@ -104,15 +106,67 @@ def test_a_pause_between_two_movements_is_seen_by_the_spectrum():
     assert sparc(np.concatenate([v, np.zeros(250), v]), 500) == pytest.approx(-3.15, abs=5e-3)
 
 
-def test_the_window_cuts_a_dwell_off_and_keeps_the_movement():
+def test_the_window_cuts_a_dwell_off_and_keeps_the_whole_movement():
     v = minimum_jerk_speed(500)
     dwelling = np.concatenate([np.zeros(300), v, np.zeros(700)])
+    assert movement_window(dwelling) == slice(300, 801)
+    bare = log_dimensionless_jerk(v, 500)
+    assert log_dimensionless_jerk(dwelling[300:801], 500) == pytest.approx(bare, abs=0.1)
+    assert log_dimensionless_jerk(dwelling, 500) < bare - 3.0
+
+
+def test_the_window_leaves_a_trembling_rest_out():
+    rng = np.random.default_rng(0)
+    v = minimum_jerk_speed(500)
+    dwelling = np.abs(np.concatenate([np.zeros(300), v, np.zeros(700)]) + rng.normal(0.0, 0.01, 1500))
     window = movement_window(dwelling)
-    assert 300 < window.start < 400
-    assert 700 < window.stop < 800
-    bare = log_dimensionless_jerk(v[movement_window(v)], 500)
-    assert log_dimensionless_jerk(dwelling[window], 500) == pytest.approx(bare)
-    assert log_dimensionless_jerk(dwelling, 500) < bare - 1.0
+    # Five per cent of the peak are reached after 6 % of the time.
+    assert 300 <= window.start <= 335
+    assert 765 <= window.stop <= 801
+
+
+def test_stretches_of_motion_are_those_between_rests():
+    v = minimum_jerk_speed(100)
+    pause = np.zeros(50)
+    found = moving_stretches(np.concatenate([pause, v, pause, 0.3 * v, v, pause]), 100.0)
+    assert [(part.start, part.stop) for part in found] == [(50, 151), (200, 401)]
+    assert moving_stretches(np.zeros(100), 100.0) == []
+    assert moving_stretches([], 100.0) == []
+
+
+def test_a_short_burst_is_no_movement_and_stretches_never_overlap():
+    burst = np.concatenate([minimum_jerk_speed(100), np.zeros(40), np.full(5, 1.0), np.zeros(40)])
+    assert moving_stretches(burst, 100.0) == [slice(0, 101)]
+    valley = 1.0 + np.cos(np.linspace(0.0, 6.0 * np.pi, 900))
+    found = moving_stretches(valley, 100.0, rest=0.1)
+    assert len(found) == 4
+    assert all(a.stop <= b.start for a, b in pairwise(found))
+
+
+def test_a_hand_that_trembles_at_rest_is_no_movement():
+    rng = np.random.default_rng(0)
+    t = np.arange(600) / 100.0
+    v = np.zeros((600, 3))
+    v[100:200, 0] = v[350:450, 1] = 0.1 * minimum_jerk_speed(100)
+    # Tremor of 0.2 mm at 10 Hz has speeds of 1.3 cm/s, seven per cent of the peak.
+    v += 0.018 * np.sin(2 * np.pi * 10.0 * t + 1.0)[:, None] * [1.0, 0.0, 0.0] + rng.normal(
+        0.0, 0.002, v.shape
+    )
+    found = moving_stretches(v, 100.0)
+    assert len(found) == 2
+    assert [part.start for part in found] == pytest.approx([100, 350], abs=12)
+    assert [part.stop for part in found] == pytest.approx([200, 450], abs=12)
+
+
+@pytest.mark.parametrize(("ramp", "published"), [(0.5, -11.6), (0.2, -13.4), (0.05, -16.2)])
+def test_at_constant_speed_the_jerk_is_that_of_the_ramps(ramp, published):
+    # 0.1 m/s for 4 s in all, a sample of rest before and after, at 100 Hz.
+    t = np.arange(-1, 402) / 100.0
+    v = 0.1 * np.clip(np.minimum(t, 4.0 - t) / ramp, 0.0, 1.0)
+    found = log_dimensionless_jerk(v, 100.0)
+    assert found == pytest.approx(published, abs=0.05)
+    # Four kinks of the speed, each a jerk of v / ramp within one sample.
+    assert found == pytest.approx(-math.log(4.0 * 100.0 * 4.03**3 / ramp**2), abs=1e-6)
 
 
 def test_accelerations_have_a_measure_of_their_own():

@@ -32,6 +32,7 @@ def row(condition, scene, **changes):
         "object": "can",
         "candidate": 1,
         "half_turn": False,
+        "target_place": 0,
     }
     more = {"hand_over": 0, "ended": "arrived", "scene_seed": 1, "level": "random", "goal": "can", "grasp": 1}
     return {**words, **facts, **more, **numbers, **changes}
@@ -47,6 +48,7 @@ def test_differences_are_taken_case_by_case_over_complete_pairs():
     rows += both("c", {"path_length_m": np.nan, "arrived": False, "success": False}, {"path_length_m": 0.1})
     (found,) = compare(rows)
     assert found.cases == (3, 2, 0)
+    assert found.scenes == (3, 2)
     difference = found.differences["path_length_m"]
     assert difference.pairs == 2
     assert difference.mean.value == pytest.approx(-0.2)
@@ -74,6 +76,50 @@ def test_every_part_of_the_claim_that_fails_is_listed_with_its_reason():
     assert "fault" in found["lost"].why
     flat = found["detour"].row()
     assert (flat["paper_path_length_m"], flat["other_jump_target_chord"]) == (1.2, 0.9)
+
+
+def test_people_in_one_scene_are_one_case_and_not_many():
+    seeds = (0, 1, 2, 3)
+    lengths = {"a": (0.2, 0.3), "b": (0.3, 0.6)}
+    once = [
+        r for name, (x, y) in lengths.items() for r in both(name, {"path_length_m": x}, {"path_length_m": y})
+    ]
+    often = [
+        {**r, "person_seed": k, "path_length_m": r["path_length_m"] + 0.01 * k} for k in seeds for r in once
+    ]
+    # One of the four does not get there: the scene goes on with the mean of the others.
+    often[0].update(arrived=False, success=False, path_length_m=np.nan)
+    (one,), (four,) = compare(once), compare(often)
+    assert four.cases == (8, 7, 0)
+    assert (four.scenes, one.scenes) == ((2, 2), (2, 2))
+    found, wanted = four.differences["path_length_m"], one.differences["path_length_m"]
+    assert found.pairs == wanted.pairs == 2
+    assert found.mean == pytest.approx(wanted.mean)
+    assert four.arrived["paper"][0] == pytest.approx((0.75 + 1.0) / 2)
+    assert four.arrived["paper"][1] < 0.3
+
+
+@pytest.mark.parametrize(
+    ("paper", "why"),
+    [
+        ({"arrived": False, "success": False, "ended": "fault"}, "did not arrive: fault"),
+        ({"duration_s": 2.0, "rotation_rad": 1.5}, "turning set the pace"),
+        ({"duration_s": 0.9, "rotation_rad": 1.5}, "takes no longer, but the tool turns more"),
+        ({"duration_s": 2.0, "rotation_rad": 0.5, "velocity_share": 0.8}, "near its greatest speed"),
+        ({"duration_s": 2.0, "rotation_rad": 0.5, "velocity_share": 0.2}, "longer to settle"),
+        ({"ldlj_joint": 0.0}, "starts and stops"),
+        ({"path_length_m": 1.1, "jump_target_distance_m": 0.9}, "over its pre-grasp"),
+        ({"path_length_m": 1.1, "jump_target_distance_m": 1.1}, "orientation came first"),
+        (
+            {"path_length_m": 1.1, "jump_target_distance_m": 1.1, "jump_target_chord": 1.1},
+            "passed over for its way",
+        ),
+        ({"path_length_m": 1.1, "hand_over": 1}, "same ready pose"),
+    ],
+)
+def test_the_reason_is_the_one_that_the_numbers_show(paper, why):
+    (failure,) = failures(both("a", paper, {}))
+    assert why in failure.why
 
 
 def test_all_definitions_of_m_are_tried_under_both_strategies():

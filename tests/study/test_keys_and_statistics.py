@@ -13,6 +13,7 @@ from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
 from optsc.study.keys import canonical, key
 from optsc.study.stability import perturbed
 from optsc.study.statistics import (
+    averages,
     bootstrap,
     kendall_tau,
     paired_difference,
@@ -86,6 +87,25 @@ def test_the_bootstrap_interval_of_a_mean_is_the_normal_one_for_many_values():
     half = 1.96 * np.std(x) / math.sqrt(2000)
     assert found.low == pytest.approx(np.mean(x) - half, abs=0.1 * half)
     assert found.high == pytest.approx(np.mean(x) + half, abs=0.1 * half)
+
+
+def test_repetitions_within_a_case_are_one_number_for_it():
+    groups = ["a", "b", "a", "a", "c"]
+    a, b = averages(groups, [1.0, 5.0, 3.0, 9.0, math.nan], [2.0, 6.0, 4.0, math.nan, 1.0])
+    assert (a, b) == ([2.0, 5.0], [3.0, 6.0])
+    with pytest.raises(InvalidValue, match="as many"):
+        averages(groups, [1.0], [1.0])
+
+
+def test_repeated_cases_do_not_make_the_interval_narrower():
+    rng = np.random.default_rng(4)
+    scenes = rng.normal(0.0, 1.0, 30)
+    rows = np.repeat(scenes, 10) + rng.normal(0.0, 0.01, 300)
+    x, y = averages(np.repeat(np.arange(30), 10).tolist(), rows.tolist(), [0.0] * 300)
+    of_scenes = paired_difference(x, y, rng).mean
+    of_rows = paired_difference(rows, np.zeros(300), rng).mean
+    assert of_scenes.value == pytest.approx(of_rows.value)
+    assert (of_scenes.high - of_scenes.low) > 2.5 * (of_rows.high - of_rows.low)
 
 
 def test_rank_correlation_is_one_sided_when_all_differences_are():

@@ -1,6 +1,8 @@
 """Sweeps: designs, rows that are kept, runs that are killed, workers that die."""
 
+import contextlib
 import json
+import multiprocessing
 import os
 import random as standard_random
 import signal
@@ -16,10 +18,12 @@ import pytest
 
 from optsc.cli import main
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
+from optsc.robot.manipulability import DEFINITIONS
 from optsc.selection import Cascade, WeightedSum
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition
+from optsc.study.scenes import LEVELS
 from optsc.study.sweep.plan import Cases
-from optsc.study.sweep.results import settle
+from optsc.study.sweep.results import MEANS, settle
 from optsc.study.sweep.runner import JobFailed, Progress, dask_executor, run_jobs
 from optsc.study.sweep.space import (
     COSTS,
@@ -148,6 +152,18 @@ class FakeJob:
         return {"scene": self.scene.hash, "condition": condition}
 
 
+class Counting(RowStore):
+    """A store that remembers every key that it was given, also those that it had."""
+
+    def __init__(self, directory):
+        super().__init__(directory)
+        self.given = []
+
+    def add(self, rows):
+        self.given += [row["key"] for row in rows]
+        return super().add(rows)
+
+
 def fake_jobs(scenes=6, settings=5):
     return [FakeJob(FakeScene(f"s{k}"), tuple(range(settings))) for k in range(scenes)]
 
@@ -270,28 +286,181 @@ def test_killed_at_random_moments_and_started_again_it_ends_with_the_same_table(
     assert (killed / "table.parquet").read_bytes() == (whole / "table.parquet").read_bytes()
 
 
-SMALL = "--design random --count 4 --scenes 2 --objects 2 --stability 1 --workers 0 --seed 3"
+SMALL = "--design random --count 4 --scenes 3 --objects 2 --stability 1 --seed 3"
 
 
-def test_the_real_sweep_killed_and_started_again_ends_with_the_same_table(tmp_path):
-    def arguments(name):
-        return ["sweep", *SMALL.split(), "--output", str(tmp_path / name)]
+def sweep(directory, *more):
+    return ["sweep", *SMALL.split(), "--output", str(directory), *more]
 
-    command = [sys.executable, "-m", "optsc", *arguments("killed")]
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Return the folder of a sweep that nothing interrupted."""
+    directory = tmp_path_factory.mktemp("sweep") / "whole"
+    assert main(sweep(directory, "--workers", "0")) == 0
+    return directory
+
+
+def test_a_sweep_leaves_tables_a_summary_and_a_report(whole):
+    summary = json.loads((whole / "summary.json").read_text())
+    assert (summary["rows"], summary["settings"], summary["cases"]) == (18, 4, 3)
+    page = (whole / "report.html").read_text()
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert page.count("<img") == len(list((whole / "figures").glob("*.png"))) >= 3
+    # Rankings are tried of settings on the front, which are named by what they are and by their numbers.
+    stable = {s["condition"] for s in summary["stability"]}
+    assert any("path_length_m" in name and "position 0." in name for name in stable)
+    assert len(stable) >= 2
+    assert all(name in page for name in stable)
+
+
+@pytest.fixture
+def tables_only(monkeypatch):
+    """Leave out the report, which is tested elsewhere and costs more than a small sweep."""
+
+    class Page:
+        def save(self, directory):
+            return directory
+
+    monkeypatch.setattr("optsc.study.sweep.report.build", lambda *_, **__: Page())
+    monkeypatch.setattr("optsc.study.stability.stability", lambda *_, **__: [])
+
+
+def running(process):
+    psutil = pytest.importorskip("psutil")
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return process.status() != psutil.STATUS_ZOMBIE
+    return False
+
+
+@pytest.mark.usefixtures("tables_only")
+def test_the_real_sweep_killed_at_any_moment_and_started_again_ends_with_the_same_table(tmp_path, whole):
+    psutil = pytest.importorskip("psutil")
+    seed = int(os.environ.get("OPTSC_TEST_SEED", time.time_ns() % 10**6))
+    chance = standard_random.Random(seed)
+    chunks, moment = chance.randrange(3), chance.random()
+    print(f"killed {moment:.3f} s after {chunks} of 3 jobs: OPTSC_TEST_SEED={seed}")
+    directory = tmp_path / "killed"
+    command = [sys.executable, "-m", "optsc", *sweep(directory, "--workers", "2")]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while process.poll() is None and not list((tmp_path / "killed" / "rows").glob("*.parquet")):
+    while process.poll() is None and (
+        not (directory / "rows").exists() or len(list((directory / "rows").glob("*.parquet"))) < chunks
+    ):
         time.sleep(0.02)
+    time.sleep(moment)
+    children = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    assert not (tmp_path / "killed" / "summary.json").exists()
-    assert main(arguments("killed")) == main(arguments("whole")) == 0
+    print(
+        f"{len(list((directory / 'rows').glob('*.parquet')))} of 3 jobs were done, {len(children)} children"
+    )
+    deadline = time.monotonic() + 60.0
+    while any(running(child) for child in children) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(running(child) for child in children)
+    assert main(sweep(directory, "--workers", "0")) == 0
     for file in ("table.parquet", "table.csv", "settings.csv"):
-        assert (tmp_path / "killed" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
-    summary = json.loads((tmp_path / "whole" / "summary.json").read_text())
-    assert (summary["rows"], summary["settings"], summary["cases"]) == (12, 4, 2)
-    page = (tmp_path / "whole" / "report.html").read_text()
-    assert "http" not in page.replace("http://www.w3.org", "")
-    assert page.count("<img") == len(list((tmp_path / "whole" / "figures").glob("*.png"))) >= 3
+        assert (directory / file).read_bytes() == (whole / file).read_bytes()
+
+
+@pytest.mark.usefixtures("tables_only")
+def test_a_real_sweep_on_a_cluster_that_loses_a_worker_ends_with_the_same_table(tmp_path, whole, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    stores, killed = [], []
+
+    class Killing(Counting):
+        """Kills, when the first rows have come, a worker that has work."""
+
+        def __init__(self, directory):
+            super().__init__(directory)
+            stores.append(self)
+
+        def add(self, rows):
+            number = super().add(rows)
+            busy = {w for w, state in cluster.scheduler.workers.items() if state.processing}
+            for nanny in cluster.workers.values():
+                if not killed and nanny.worker_address in busy:
+                    killed.append(nanny.pid)
+                    os.kill(nanny.pid, signal.SIGKILL)
+            return number
+
+    monkeypatch.setattr("optsc.study.sweep.store.RowStore", Killing)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        assert main(sweep(tmp_path, "--scheduler", cluster.scheduler_address)) == 0
+    (store,) = stores
+    assert killed
+    assert len(store.given) == len(set(store.given)) == len(store) == 18
+    assert (tmp_path / "table.parquet").read_bytes() == (whole / "table.parquet").read_bytes()
+
+
+def test_an_interrupted_sweep_keeps_what_is_finished_and_says_how_to_go_on(tmp_path, monkeypatch, capsys):
+    class Interrupted(RowStore):
+        def add(self, rows):
+            super().add(rows)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("optsc.study.sweep.store.RowStore", Interrupted)
+    assert main(sweep(tmp_path, "--workers", "0")) == 1
+    said = capsys.readouterr().err
+    assert f"kept in {tmp_path / 'rows'}; to go on: optsc" in said
+    assert said.endswith("stopped\n")
+    assert len(RowStore(tmp_path / "rows")) == 6
+
+
+def test_an_interrupted_run_lets_go_of_its_processes(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), *sys.path]))
+
+    def interrupt(progress):
+        if progress.rows:
+            raise KeyboardInterrupt
+
+    store = RowStore(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        run_jobs(fake_jobs(10), store, workers=2, work=endless_work, on_progress=interrupt)
+    assert len(store) == 5
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize(
+    ("options", "answer"),
+    [
+        ("--design nonsense", "simplex, sobol"),
+        ("--design grid --tune", "--design is 'grid'"),
+        ("--tune --levels 3", "--levels with --tune"),
+        ("--design grid --count 3", "--count with grid"),
+        ("--design grid --levels 1", "--levels is 1; valid: 2 or more"),
+        ("--count 0", "--count is 0; valid: 1 or more"),
+        ("--stability -1", "--stability is -1; valid: 0 or more"),
+        ("--workers -1", "--workers is -1; valid: 0 or more"),
+        ("--design one-at-a-time --base weight.pose=0:1", "one value"),
+        ("--objectives clearance_m=maximize duration_s=minimize", "only with --tune"),
+        ("--tune --objectives clearance_m=maximize", "two measures or more"),
+        ("--tune --objectives beauty=maximize duration_s=minimize", "clearance_m"),
+        ("--tune --objectives clearance_m=up duration_s=minimize", "minimize or maximize"),
+        ("--tune --robots panda ur5", "robots to tune for"),
+    ],
+)
+def test_what_a_sweep_cannot_do_or_would_ignore_is_refused_with_a_word(tmp_path, capsys, options, answer):
+    assert main(["sweep", *options.split(), "--scenes", "1", "--output", str(tmp_path)]) == 1
+    assert answer in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.parquet"))
+
+
+def test_the_help_of_a_sweep_names_all_that_can_be_chosen(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["sweep", "--help"])
+    words = capsys.readouterr().out.replace(",", " ").split()
+    assert ended.value.code == 0
+    assert {*COSTS, *DEFINITIONS, *LEVELS, *MEANS, "hasty", "one-at-a-time", "ur5"} <= set(words)
+
+
+def endless_work(job):
+    """Work that no one waits for, but for that of the first job."""
+    if job.scene.hash != "s0":
+        time.sleep(600.0)
+    return fake_work(job)
 
 
 def mortal_work(job):
@@ -322,10 +491,10 @@ def test_a_dask_worker_that_is_killed_loses_nothing_and_doubles_nothing(tmp_path
         ) as cluster,
         dask_executor(cluster.scheduler_address) as executor,
     ):
-        rows = run_jobs(fake_jobs(12), RowStore(tmp_path / "rows"), executor=executor, work=mortal_work)
+        store = Counting(tmp_path / "rows")
+        rows = run_jobs(fake_jobs(12), store, executor=executor, work=mortal_work)
     assert (tmp_path / "mark").exists()
-    keys = [row["key"] for path in (tmp_path / "rows").glob("*.parquet") for row in read_table(path)]
-    assert len(keys) == len(set(keys)) == 60
+    assert len(store.given) == len(set(store.given)) == 60
     assert rows == run_jobs(fake_jobs(12), RowStore(tmp_path / "other"), workers=0, work=fake_work)
 
 
@@ -385,8 +554,61 @@ def test_tuning_finds_its_way_back_without_computing_anything_twice(tmp_path):
     assert again == first
     assert len(RowStore(tmp_path)) == known
     assert any(trial.best for trial in first)
+    longer = tune(cases, WEIGHTS, RowStore(tmp_path), trials=9, generation=3, workers=0)
+    assert [trial.point for trial in longer[:6]] == [trial.point for trial in first]
+
+
+def test_tuning_refuses_what_it_cannot_weigh_against_each_other(tmp_path):
+    one, store = Cases(scenes=1), RowStore(tmp_path)
     with pytest.raises(UnknownName, match="path_length_m"):
-        tune(cases, WEIGHTS, RowStore(tmp_path), objectives={"beauty": "maximize"})
+        tune(one, WEIGHTS, store, objectives={"beauty": "maximize"})
+    with pytest.raises(InvalidValue, match="minimize or maximize"):
+        tune(one, WEIGHTS, store, objectives={"path_length_m": "less"})
+    with pytest.raises(InvalidValue, match="panda, ur5"):
+        tune(Cases(("panda", "ur5"), scenes=1), WEIGHTS, store)
+    with pytest.raises(InvalidValue, match="each once"):
+        tune(one, [WEIGHTS[0], WEIGHTS[0]], store)
+
+
+def test_a_search_does_not_prefer_points_that_give_up_on_hard_cases(tmp_path, monkeypatch):
+    pytest.importorskip("optuna")
+
+    def outcome(job):
+        """A short way where orientation weighs little, but then one of the two scenes is not solved."""
+        rows = []
+        for key, condition in zip(job.keys(), job.conditions, strict=True):
+            x = condition.about["weight.orientation"]
+            fails = x < 0.5 and job.scene == scenes[1]
+            found = fake_outcome("-", np.nan if fails else x, x)
+            rows.append({**found, "key": key, "success": not fails})
+        return rows
+
+    cases = Cases(scenes=2, objects=2)
+    scenes = cases.all_scenes()
+    monkeypatch.setattr("optsc.study.sweep.tuning.run_jobs", lambda *a, **k: run_jobs(*a, **k, work=outcome))
+    trials = tune(cases, WEIGHTS, RowStore(tmp_path), trials=60, generation=12, workers=0, seed=1)
+    x = np.array([trial.point["weight.orientation"] for trial in trials])
+    assert [trial.success for trial in trials] == [1.0 if value >= 0.5 else 0.5 for value in x]
+    assert min(x) < 0.5
+    assert all(trial.success == 1.0 for trial in trials if trial.best)
+    # The search has learnt it too: later generations hardly try them any more.
+    assert np.mean(x[-24:] < 0.5) < np.mean(x[:12] < 0.5)
+
+
+def test_a_search_from_the_command_line_reports_its_front(tmp_path):
+    pytest.importorskip("optuna")
+    objectives = ["--objectives", "rotation_rad=minimize", "clearance_m=maximize"]
+    few = "--tune --count 4 --scenes 1 --objects 2 --stability 0 --workers 0"
+    assert main(["sweep", *few.split(), *objectives, "--output", str(tmp_path)]) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["rows"], summary["settings"]) == (6, 4)
+    assert summary["objectives"] == {"rotation_rad": "minimize", "clearance_m": "maximize"}
+    page = (tmp_path / "report.html").read_text()
+    assert "The objectives of the search" in page
+    assert (tmp_path / "figures" / "objectives.png").exists()
+    trials, settings = (read_table(tmp_path / f"{name}.parquet") for name in ("trials", "settings"))
+    best = {f"{row['trial']:05d}" for row in trials if row["best"]}
+    assert best == {row["condition"] for row in settings[2:] if row["best"]} != set()
 
 
 def test_references_are_told_apart_from_settings_by_name():

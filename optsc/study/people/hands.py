@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
-import runpy
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.operators import TYPES, HandRecording, Operator, Recorded
 from optsc.study.conditions import Person
+from optsc.study.loading import load_named
 from optsc.study.people.design import Trial
 from optsc.study.scenes import Scene
 
@@ -100,18 +99,9 @@ def _played(path: Path) -> Operator:
 
 
 def _hook(text: str) -> Callable[[Situation], Operator]:
-    place, _, name = text.rpartition(":")
-    try:
-        content: dict[str, Any] = (
-            runpy.run_path(place) if place.endswith(".py") else vars(importlib.import_module(place))
-        )
-    except (OSError, ImportError, SyntaxError) as error:
-        raise DamagedFile(place, f"cannot be loaded ({error})") from None
-    function = content.get(name)
+    function = load_named(text)
     if not callable(function):
-        raise UnknownName(
-            f"function in {place}", name, [n for n, item in content.items() if callable(item) and n[0] != "_"]
-        )
+        raise InvalidValue(text, function, "a function that returns an operator")
 
     def operator(situation: Situation) -> Operator:
         made = function(situation)

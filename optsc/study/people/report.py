@@ -221,7 +221,7 @@ def _jumps(plan: StudyPlan, rows: Sequence[Row]) -> Table:
     for name in plan.design.conditions:
         line: list[Any] = [name]
         for measure in JUMPS:
-            mine = [row[measure] for row in rows if row["condition"] == name and not row["practice"]]
+            mine = [row.get(measure) for row in rows if row["condition"] == name and not row["practice"]]
             values = [value for value in mine if value is not None]
             line.append(f"{mean_of(values):.3g}, at most {max(values):.3g}" if values else None)
         lines.append(line)

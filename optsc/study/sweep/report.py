@@ -7,19 +7,33 @@ from typing import Any
 
 import numpy as np
 
-from optsc.study.outcomes import Row
+from optsc.study.conditions import PAPER
+from optsc.study.outcomes import Job, Row
 from optsc.study.stability import Stability
 from optsc.study.sweep.results import TRADE_OFF, Settled
+from optsc.study.sweep.shown import differences, motions, shown_settings
 from optsc.viewers.report import Picture, Report, Table
 from optsc.viewers.report_statistics import Estimate, front, sensitivity, stability_lines
 
 LABELS = {"path_length_m": "path of the tool [m]", "target_yoshikawa": "manipulability at the grasp"}
 OUTCOMES = {"path_length_m": "path [m]", "duration_s": "time [s]", "target_yoshikawa": "manipulability"}
+COLUMNS = (
+    *("path_length_m", "duration_s", "rotation_rad", "ldlj_joint"),
+    *("target_yoshikawa", "clearance_m"),
+)
+"""Means that are told of each setting on the front."""
 LISTED = 30
+"""Settings on the front that are told."""
 
 
 def build(
-    settled: Sequence[Settled], references: Sequence[Settled], stabilities: Sequence[Stability], command: str
+    settled: Sequence[Settled],
+    references: Sequence[Settled],
+    stabilities: Sequence[Stability],
+    command: str,
+    *,
+    rows: Sequence[Row] = (),
+    jobs: Sequence[Job] = (),
 ) -> Report:
     """Return the report.
 
@@ -28,6 +42,8 @@ def build(
         references: settings to compare with, such as the paper's.
         stabilities: of rankings, if they were asked for.
         command: that made it.
+        rows: of all settings and references in every case; with them the front is compared with the paper's cascade.
+        jobs: that the rows are of; with them the ends of the front and its knee are shown in one scene.
     """
     report = Report(
         "Sweep of selection settings", f"{len(settled)} settings over the same scenes and people."
@@ -37,6 +53,10 @@ def build(
         mine = [s for s in settled if s.row["robot"] == robot]
         named = [s for s in references if s.row["robot"] == robot]
         report.add(f"{robot}: the trade-off", _front(robot, mine, named), _best(mine, named))
+        if rows and any(row["condition"] == PAPER.name for row in rows):
+            report.add(f"{robot}: the front against the paper's cascade", differences(_listed(mine), rows))
+            if jobs:
+                report.add(f"{robot}: one scene, looked at", *motions(shown_settings(mine), rows, jobs))
         picture = _sensitivity(robot, mine)
         if picture is not None:
             report.add(f"{robot}: what each number does", picture)
@@ -61,17 +81,27 @@ def _front(robot: str, settled: Sequence[Settled], named: Sequence[Settled]) -> 
 
 
 def _best(settled: Sequence[Settled], named: Sequence[Settled]) -> Table:
-    columns = ["path_length_m", "duration_s", "rotation_rad", "ldlj_joint", "target_yoshikawa", "clearance_m"]
-    best = sorted((s for s in settled if s.best), key=lambda s: s.row["path_length_m"])
-    # Many settings choose the same grasps everywhere: one of them is enough.
-    distinct = list({tuple(s.row[name] for name in columns): s for s in reversed(best)}.values())[::-1]
+    labels = {s.row["condition"]: label for label, s in shown_settings(settled).items()}
     varied = [name for name in settled[0].row if name.startswith("at_")] if settled else []
-    head = ["setting", *(name.removeprefix("at_") for name in varied), "success", *columns]
+    head = ["setting", "", *(name.removeprefix("at_") for name in varied), "success", *COLUMNS]
     lines: list[list[Any]] = []
-    for s in [*named, *distinct[:LISTED]]:
-        point = [s.row.get(name) for name in varied]
-        lines.append([s.row["condition"], *point, s.row["success"], *(s.row[name] for name in columns)])
-    return Table(head, lines, "Reference settings, and those on the front")
+    for s in [*named, *_listed(settled)]:
+        name, point = s.row["condition"], [s.row.get(name) for name in varied]
+        lines.append([name, labels.get(name, ""), *point, s.row["success"], *(s.row[c] for c in COLUMNS)])
+    return Table(head, lines, "Reference settings, and those on the front with its ends and its knee")
+
+
+def _listed(settled: Sequence[Settled]) -> list[Settled]:
+    """Return the settings on the front that are told, the shortest way first: ends, knee, and others."""
+    shown = [s.row["condition"] for s in shown_settings(settled).values()]
+    best = sorted((s for s in settled if s.best), key=lambda s: s.row["path_length_m"])
+    # Many settings choose the same grasps everywhere: one of them is enough, if it can be one that is shown.
+    first = sorted(best, key=lambda s: s.row["condition"] not in shown)
+    distinct: dict[tuple[Any, ...], Settled] = {}
+    for s in first:
+        distinct.setdefault(tuple(s.row[name] for name in COLUMNS), s)
+    kept = {s.row["condition"] for s in list(distinct.values())[:LISTED]}
+    return [s for s in best if s.row["condition"] in kept]
 
 
 def _sensitivity(robot: str, settled: Sequence[Settled]) -> Picture | None:
@@ -79,6 +109,7 @@ def _sensitivity(robot: str, settled: Sequence[Settled]) -> Picture | None:
         name
         for name, value in settled[0].row.items()
         if name.startswith("at_") and isinstance(value, (int, float)) and not isinstance(value, bool)
+        if all(name in s.row for s in settled)
     ]
     if not numbers or len(settled) < 3:
         return None

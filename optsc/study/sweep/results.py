@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optsc.errors import InvalidValue, UnknownName
 from optsc.study.outcomes import CHOSEN, MEASURED, Row
 from optsc.study.statistics import mean_of, pareto_front
 
@@ -14,6 +15,24 @@ MEANS = (*MEASURED, *CHOSEN, "jump_target_distance_m", "jump_target_chord")
 """Measures whose mean over all cases is told for each setting."""
 TRADE_OFF: Mapping[str, float] = {"path_length_m": 1.0, "target_yoshikawa": -1.0}
 """What the front is about by default: 1 for less is better, -1 for more."""
+
+DIRECTIONS: Mapping[str, float] = {"minimize": 1.0, "maximize": -1.0}
+"""Signs of directions as a trade-off has them."""
+
+
+def trade_off_of(objectives: Mapping[str, str]) -> dict[str, float]:
+    """Return the trade-off of ``objectives``, each ``minimize`` or ``maximize`` by the name of a measure.
+
+    Raises `UnknownName` for a measure that is none of `MEANS`, `InvalidValue` for another direction or no objective.
+    """
+    if not objectives:
+        raise InvalidValue("objectives", "none", "one or more")
+    for name, direction in objectives.items():
+        if name not in MEANS:
+            raise UnknownName("measure", name, MEANS)
+        if direction not in DIRECTIONS:
+            raise InvalidValue(f"direction of {name}", direction, "minimize or maximize")
+    return {name: DIRECTIONS[direction] for name, direction in objectives.items()}
 
 
 class Settled(NamedTuple):

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from threading import Thread
 from typing import Any, Protocol, TypeAlias
 
-from optsc.errors import OptscError
+from optsc.errors import InvalidValue, OptscError
 from optsc.study.outcomes import Row, do
 from optsc.study.scenes import Scene
 from optsc.study.sweep.store import RowStore
@@ -107,8 +110,12 @@ def run_jobs(
         work: computes one job; it has to be importable where the executor runs it.
 
     Raises:
-        JobFailed: a job raised; what was finished before is kept, and a new run goes on from there.
+        JobFailed: a job raised; what was finished before is kept, and a new run goes on from there. The same holds
+            for a `KeyboardInterrupt`, which ends jobs that are under way.
+        InvalidValue: fewer than 0 workers.
     """
+    if workers is not None and workers < 0:
+        raise InvalidValue("workers", workers, "0 or more")
     start, wanted, left = time.monotonic(), [], []
     for job in jobs:
         keys = job.keys()
@@ -126,21 +133,23 @@ def run_jobs(
             )
 
     report()
-    for rows in _computed(left, executor, workers, work):
-        store.add(rows)
-        report()
+    # Closed at once, and not when the memory is wanted: an interrupted run should let go of its processes.
+    with closing(_computed(left, executor, workers, work)) as results:
+        for rows in results:
+            store.add(rows)
+            report()
     named = [job.labels(condition) for job in jobs for condition in job.conditions]
     return [{**row, **names} for row, names in zip(store.rows(wanted), named, strict=True)]
 
 
 def _computed(
     jobs: list[Job], executor: Executor | None, workers: int | None, work: Do
-) -> Iterator[list[Row]]:
+) -> Generator[list[Row], None, None]:
     if workers == 0 and executor is None:
         for job in jobs:
             yield _guarded(job, work)
     elif executor is not None:
-        yield from _submitted(dict(enumerate(jobs)), executor, work)
+        yield from _submitted(dict(enumerate(jobs)), executor, work, cancel=True)
     else:
         yield from _pooled(jobs, workers or os.cpu_count() or 1, work)
 
@@ -159,18 +168,51 @@ def _pooled(jobs: list[Job], workers: int, work: Do) -> Iterator[list[Row]]:
     for revival in range(REVIVALS + 1):
         if not open_:
             return
-        count = min(workers, len(open_))
-        # Started afresh and not forked: libraries here keep threads, which a fork would leave behind.
-        with _single_threaded(), ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-            try:
-                yield from _submitted(open_, pool, work)
-            except BrokenExecutor:
-                if revival == REVIVALS:
-                    raise
+        try:
+            with _pool(min(workers, len(open_))) as pool:
+                yield from _submitted(open_, pool, work, cancel=False)
+        except BrokenExecutor:
+            if revival == REVIVALS:
+                raise
 
 
-def _submitted(open_: dict[int, Job], executor: Executor, work: Do) -> Iterator[list[Row]]:
-    """Yield the rows of each job and take it out of ``open_``."""
+@contextmanager
+def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Give a pool whose processes end with this one, however it ends, and at once where the context is left early."""
+    # Started afresh and not forked: libraries here keep threads, which a fork would leave behind.
+    context = get_context("spawn")
+    leash, held = context.Pipe(duplex=False)
+    with (
+        _single_threaded(),
+        leash,
+        held,
+        ProcessPoolExecutor(workers, context, initializer=_end_with, initargs=(leash,)) as pool,
+    ):
+        try:
+            yield pool
+        except BaseException:
+            held.close()
+            raise
+
+
+def _end_with(leash: Connection) -> None:
+    """Let this process end when the other end of ``leash`` closes; an interrupt is the business of who holds it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        # True at the end of the pipe too, and nothing is ever sent.
+        leash.poll(None)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
+def _submitted(open_: dict[int, Job], executor: Executor, work: Do, *, cancel: bool) -> Iterator[list[Row]]:
+    """Yield the rows of each job and take it out of ``open_``.
+
+    Left early, it cancels what is waiting, if it should: not in a pool that is about to break, where Python 3.11
+    stumbles over futures that were cancelled.
+    """
     waiting: dict[Future[list[Row]], int] = {
         executor.submit(work, job): index for index, job in open_.items()
     }
@@ -187,8 +229,9 @@ def _submitted(open_: dict[int, Job], executor: Executor, work: Do) -> Iterator[
                 yield rows
                 del open_[index]
     finally:
-        for future in waiting:
-            future.cancel()
+        if cancel:
+            for future in waiting:
+                future.cancel()
 
 
 @contextmanager

@@ -8,7 +8,9 @@ Names of dimensions, and what they set:
 * ``keep.pose``: how many a first stage by weighted pose distance keeps, in place of those two.
 * ``dof.x``, ``dof.y``, ``dof.z``, ``dof.rx``, ``dof.ry``, ``dof.rz``: weights of the pose distance in the gripper's
   frame; ``dof.length``: metres that a radian counts for in it.
-* ``measure``: name of the definition of M.
+* ``measure``: name of the definition of M; part of every setting, whatever its rule.
+
+A dimension that the rule of a point would not look at is refused, see `rule_of`.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import exp, log
+from numbers import Real
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -26,7 +29,7 @@ import numpy as np
 from optsc import selection
 from optsc.errors import InvalidValue, UnknownName
 from optsc.selection import Cascade, GraspCost, ManipulabilityLoss, PoseDistance, Rule, Stage, WeightedSum
-from optsc.study.conditions import DEFAULT_MEASURE, Condition
+from optsc.study.conditions import DEFAULT_MEASURE, Condition, measure
 
 Point: TypeAlias = dict[str, Any]
 
@@ -37,13 +40,29 @@ SCALES: Mapping[str, float] = MappingProxyType(
         "manipulability": 0.05,
         "pose": 0.15,
         "joint-travel": 1.0,
-        "quality": 0.3,
+        "quality": 0.05,
+        "clearance": 0.03,
+        "clearance-on-the-way": 0.04,
+        "manipulability-on-the-way": 0.03,
+        "peak-joint-speed": 0.35,
+        "way-length": 0.06,
     }
 )
-"""Typical spread of each cost over the grasps of an object, in its unit; ours, one for costs not named."""
+"""Typical spread of each cost over the grasps of an object, in its unit.
+
+Ours: interquartile ranges over all reachable grasps of the wanted object at the hand-over, ten random scenes of a Panda
+taken together (``scene_set(("panda",), 10, 1)``). The first five are rounder than that: 0.34, 0.09, 0.07, 0.11, 0.73.
+"""
+WHOLE = ("keep.orientation", "keep.position", "keep.pose")
+"""Dimensions that count grasps: whole numbers from one."""
 DOFS = ("x", "y", "z", "rx", "ry", "rz")
 DIGITS = 9
 """Significant digits of a point's numbers, so that keys do not hang on the last one."""
+
+
+def _slug(cost: GraspCost | type[GraspCost]) -> str:
+    """Return the cost's name as dimensions have it."""
+    return cost.name.replace(" ", "-")
 
 
 def _costs() -> dict[str, type[GraspCost]]:
@@ -52,7 +71,7 @@ def _costs() -> dict[str, type[GraspCost]]:
         if inspect.isclass(value) and issubclass(value, GraspCost) and not inspect.isabstract(value):
             needed = [p for p in inspect.signature(value).parameters.values() if p.default is p.empty]
             if not needed:
-                found[value.name.replace(" ", "-")] = value
+                found[_slug(value)] = value
     return found
 
 
@@ -69,6 +88,11 @@ class Dimension:
         low, high: ends of the range, both included; without meaning where there are `values`.
         kind: ``linear``, ``log`` or ``integer`` range.
         values: what to choose from instead.
+
+    Raises:
+        UnknownName: no such dimension, kind of range or definition of M.
+        InvalidValue: a range or value that the dimension cannot have: weights, also those of degrees of freedom, are 0
+            or more, numbers of grasps whole and 1 or more.
     """
 
     name: str
@@ -82,10 +106,19 @@ class Dimension:
         if self.kind not in ("linear", "log", "integer"):
             raise UnknownName("kind of range", self.kind, ("linear", "log", "integer"))
         if not self.values:
+            if self.name == "measure":
+                raise InvalidValue("range of measure", (self.low, self.high), "names: measure=a,b")
             if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low <= self.high):
                 raise InvalidValue(f"range of {self.name}", (self.low, self.high), "finite, lower end first")
             if self.kind == "log" and self.low <= 0.0:
                 raise InvalidValue(f"range of {self.name}", (self.low, self.high), "above 0 for a log range")
+            if self.name in WHOLE and self.kind != "integer":
+                raise InvalidValue(f"kind of range of {self.name}", self.kind, "integer, as in 5:120:integer")
+        ends = (self.low, self.high)
+        if self.kind == "integer" and not self.values and any(float(end) % 1.0 for end in ends):
+            raise InvalidValue(f"range of {self.name}", ends, "whole numbers")
+        for value in self.values or ends:
+            _checked_value(self.name, value)
 
     @classmethod
     def parse(cls, text: str) -> Dimension:
@@ -141,6 +174,19 @@ def _checked_name(name: str) -> None:
         raise UnknownName("dimension", name, valid)
 
 
+def _checked_value(name: str, value: Any) -> None:
+    """Raise `UnknownName` or `InvalidValue` where ``name`` cannot have that value."""
+    if name == "measure":
+        measure(str(value))
+        return
+    number = isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(float(value))
+    if name in WHOLE:
+        if not (number and value >= 1 and float(value).is_integer()):
+            raise InvalidValue(name, value, "a whole number of grasps, 1 or more")
+    elif not (number and value >= 0.0):
+        raise InvalidValue(name, value, "a finite number, 0 or more")
+
+
 def grid(dimensions: Sequence[Dimension], levels: int) -> list[Point]:
     """Return every combination of ``levels`` values of each dimension."""
     lines = [dimension.levels(levels) for dimension in dimensions]
@@ -168,20 +214,34 @@ def sobol(dimensions: Sequence[Dimension], count: int, seed: int) -> list[Point]
 
 
 def simplex(dimensions: Sequence[Dimension], steps: int) -> list[Point]:
-    """Return the points of a simplex lattice: values k / ``steps`` that add up to one (H. Scheffé 1958).
+    """Return the points of a simplex lattice of weights, with ``steps`` values of each other dimension.
 
-    For weights: only their ratios change a weighted sum, so that a simplex has all of them once. Ranges are ignored.
+    The lattice are the values k / ``steps`` that add up to one (H. Scheffé 1958): only ratios of weights change a
+    weighted sum, so that it has all of them once. Dimensions that are no weights are crossed with it as a grid. Raises
+    `InvalidValue` for fewer than two weights, and for a weight with a range of its own.
     """
-    count = len(dimensions)
-    if count < 2 or steps < 1:
-        raise InvalidValue("dimensions and steps of a simplex", (count, steps), "2 or more, 1 or more")
+    weights = [d for d in dimensions if d.name.startswith("weight.")]
+    others = [d for d in dimensions if d not in weights]
+    if len(weights) < 2 or steps < 1:
+        valid = "2 or more weight.COST, 1 or more"
+        raise InvalidValue("weights and steps of a simplex", (len(weights), steps), valid)
+    for d in weights:
+        if d.values or d.kind != "linear" or (d.low, d.high) != (0.0, 1.0):
+            raise InvalidValue(
+                f"range of {d.name} in a simplex", d.values or (d.low, d.high, d.kind), "0:1, which it fills"
+            )
 
     def compositions(rest: int, parts: int) -> list[tuple[int, ...]]:
         if parts == 1:
             return [(rest,)]
         return [(k, *tail) for k in range(rest + 1) for tail in compositions(rest - k, parts - 1)]
 
-    return [_named(dimensions, [_rounded(k / steps) for k in row]) for row in compositions(steps, count)]
+    lattice = [
+        _named(weights, [_rounded(k / steps) for k in row]) for row in compositions(steps, len(weights))
+    ]
+    order = [d.name for d in dimensions]
+    mixed = [{**other, **point} for other in grid(others, steps) for point in lattice]
+    return [{name: point[name] for name in order} for point in mixed]
 
 
 def one_at_a_time(dimensions: Sequence[Dimension], levels: int, base: Point) -> list[Point]:
@@ -208,12 +268,15 @@ def design(
 ) -> list[Point]:
     """Return the points of the design of that name: ``count`` for random and sobol, ``levels`` for the others.
 
-    Raises `UnknownName`, and `InvalidValue` without dimensions or points.
+    Raises `UnknownName`, and `InvalidValue` without dimensions or points, or with a dimension that comes twice.
     """
     if name not in DESIGNS:
         raise UnknownName("design", name, DESIGNS)
     if not dimensions or count < 1 or levels < 1:
         raise InvalidValue("dimensions, count, levels", (len(dimensions), count, levels), "1 or more each")
+    names = [dimension.name for dimension in dimensions]
+    if len(set(names)) < len(names):
+        raise InvalidValue("dimensions", names, "each once")
     match name:
         case "grid":
             return grid(dimensions, levels)
@@ -234,19 +297,49 @@ def _named(dimensions: Sequence[Dimension], values: Sequence[Any]) -> Point:
 def rule_of(point: Point) -> Rule:
     """Return the rule that a point stands for: a weighted sum if it has weights, else a cascade.
 
-    Raises `UnknownName` for a name that means nothing, and `InvalidValue` for weights that are all zero.
+    Raises `UnknownName` for a name that means nothing, and `InvalidValue` for weights that are all zero, for a value
+    that a dimension cannot have, and for a dimension that the rule does not look at: varied, it would do nothing.
     """
-    for name in point:
+    for name, value in point.items():
         _checked_name(name)
+        _checked_value(name, value)
+    rule = _rule(point)
+    idle = set(point) - _looked_at(rule)
+    for name in sorted(idle):
+        if name.startswith("dof."):
+            valid = "beside weight.pose or keep.pose, which measure the pose distance"
+        elif any(other.startswith("weight.") for other in point):
+            valid = "without weight.COST: a weighted sum keeps no stages"
+        else:
+            valid = "without keep.pose, which takes the place of both other stages"
+        raise InvalidValue(f"{name}, which this setting does not use,", point[name], valid)
+    return rule
+
+
+def _rule(point: Point) -> Rule:
     weights = {name.removeprefix("weight."): v for name, v in point.items() if name.startswith("weight.")}
     if weights:
-        terms = [
-            (_cost(cost, point), float(w) / SCALES.get(cost, 1.0)) for cost, w in sorted(weights.items())
-        ]
+        terms = [(_cost(cost, point), float(w) / SCALES[cost]) for cost, w in sorted(weights.items())]
         return WeightedSum(tuple((cost, _rounded(weight)) for cost, weight in terms))
     if "keep.pose" in point:
         return Cascade((Stage(_cost("pose", point), int(point["keep.pose"])), Stage(ManipulabilityLoss())))
     return Cascade.paper(int(point.get("keep.orientation", 30)), int(point.get("keep.position", 6)))
+
+
+def _looked_at(rule: Rule) -> set[str]:
+    """Return the names of all dimensions that ``rule`` looks at, a weight of zero included."""
+    # The definition of M is the condition's: also a rule without M has it in its rows.
+    names = {"measure"}
+    costs: list[GraspCost] = []
+    if isinstance(rule, WeightedSum):
+        costs = [cost for cost, _ in rule.terms]
+        names |= {f"weight.{_slug(cost)}" for cost in costs}
+    elif isinstance(rule, Cascade):
+        costs = [stage.cost for stage in rule.steps]
+        names |= {f"keep.{_slug(cost)}" for cost in costs}
+    if any(isinstance(cost, PoseDistance) for cost in costs):
+        names |= {*(f"dof.{dof}" for dof in DOFS), "dof.length"}
+    return names
 
 
 def _cost(name: str, point: Point) -> GraspCost:

@@ -1,22 +1,26 @@
 """Multi-objective tuning: Optuna proposes points generation by generation, the engine tries each on all cases.
 
 A generation is tried as a whole, so that it shares geometry and executions; and everything tried is kept in the store,
-so that a search with the same seed that is started again finds its way back without computing anything twice.
+so that a search with the same seed that is started again finds its way back without computing anything twice. There is
+no other record of the search on purpose: what Optuna stores lacks the state of the random numbers, so that a search
+that went on from there would not end where one that was never interrupted does.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from optsc.errors import InvalidValue, OptscError, UnknownName
-from optsc.study.outcomes import CHOSEN, MEASURED, Row
+from optsc.errors import InvalidValue, OptscError
+from optsc.study.outcomes import Row
 from optsc.study.statistics import mean_of, pareto_front
 from optsc.study.sweep.plan import Cases
+from optsc.study.sweep.results import trade_off_of
 from optsc.study.sweep.runner import Progress, run_jobs
 from optsc.study.sweep.space import Dimension, Point, conditions
 from optsc.study.sweep.store import RowStore
@@ -27,12 +31,20 @@ OBJECTIVES: Mapping[str, str] = {"path_length_m": "minimize", "target_yoshikawa"
 
 @dataclass(frozen=True)
 class Trial:
-    """One point and what it came to: means over all cases of each objective, and the share that arrived."""
+    """One point and what it came to.
+
+    Attributes:
+        number: in the order of the search.
+        point: what was tried.
+        values: mean over all cases of each objective.
+        success: share of the cases that succeeded.
+        best: whether it is on the Pareto front, among those that succeed as often as any.
+    """
 
     number: int
     point: Point
     values: Mapping[str, float]
-    arrived: float
+    success: float
     best: bool = False
 
 
@@ -51,61 +63,96 @@ def tune(
 ) -> list[Trial]:
     """Return all trials of a search by NSGA-II (Deb et al. 2002), those on the Pareto front marked as best.
 
+    Means leave out the cases that failed, so a point that fails where another did not counts as infeasible: or else
+    one that gives up on hard scenes would look better.
+
     Args:
-        cases: what each point is tried on.
+        cases: what each point is tried on, of one arm.
         dimensions: what may be varied, and how far.
         store: where outcomes are kept.
         trials: how many points are tried.
         generation: how many of them at once.
         seed: of the search.
-        objectives: ``minimize`` or ``maximize`` by the name of a measure.
+        objectives: ``minimize`` or ``maximize`` by the name of one of `optsc.study.sweep.results.MEANS`.
         executor, workers, on_progress: see `run_jobs`.
 
     Raises:
-        UnknownName: no such measure. InvalidValue: a direction or number that there is not.
+        UnknownName: no such measure.
+        InvalidValue: a direction or number that there is not, or cases of several arms, which would be averaged.
         OptscError: Optuna is not installed.
     """
-    _check(objectives, trials, generation)
+    trade_off = trade_off_of(objectives)
+    _check(cases, dimensions, trials, generation)
     try:
         import optuna
     except ImportError:
         raise OptscError("tuning needs the package optuna: pip install 'optsc[tune]'") from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    sampler = optuna.samplers.NSGAIISampler(population_size=generation, seed=seed)
-    study = optuna.create_study(directions=list(objectives.values()), sampler=sampler)
+    study = optuna.create_study(directions=list(objectives.values()), sampler=_sampler(generation, seed))
     done: list[Trial] = []
     while len(done) < trials:
         asked = [study.ask() for _ in range(min(generation, trials - len(done)))]
         points = [{d.name: _suggest(trial, d) for d in dimensions} for trial in asked]
         rows = _tried(cases, points, store, executor, workers, on_progress)
-        for trial, point, of_point in zip(asked, points, rows, strict=True):
-            values = {name: mean_of([row[name] for row in of_point]) for name in objectives}
-            arrived = float(np.mean([row["arrived"] for row in of_point])) if of_point else 0.0
-            if all(np.isfinite(list(values.values()))):
-                study.tell(trial, list(values.values()))
-            else:
-                study.tell(trial, state=optuna.trial.TrialState.FAIL)
-            done.append(Trial(trial.number, point, values, arrived))
-    signs = [1.0 if direction == "minimize" else -1.0 for direction in objectives.values()]
-    costs = np.array(
-        [[s * trial.values[n] for s, n in zip(signs, objectives, strict=True)] for trial in done]
-    )
-    return [
-        Trial(t.number, t.point, t.values, t.arrived, bool(best))
-        for t, best in zip(done, pareto_front(costs), strict=True)
-    ]
+        new = [
+            _trial(one.number, point, of_point, objectives)
+            for one, point, of_point in zip(asked, points, rows, strict=True)
+        ]
+        done += new
+        _tell(study, asked, new, max(trial.success for trial in done))
+    return _marked(done, trade_off)
 
 
-def _check(objectives: Mapping[str, str], trials: int, generation: int) -> None:
-    for name, direction in objectives.items():
-        if name not in (*MEASURED, *CHOSEN):
-            raise UnknownName("measure", name, (*MEASURED, *CHOSEN))
-        if direction not in ("minimize", "maximize"):
-            raise InvalidValue(f"direction of {name}", direction, "minimize or maximize")
-    if len(objectives) < 1 or trials < 1 or generation < 2:
-        raise InvalidValue(
-            "objectives, trials, generation", (len(objectives), trials, generation), "1, 1, 2 or more"
+def _sampler(generation: int, seed: int) -> Any:
+    import optuna
+
+    with warnings.catch_warnings():
+        # What takes the place of the constraints' function exists from version 5 on only.
+        warnings.simplefilter("ignore")
+        return optuna.samplers.NSGAIISampler(
+            population_size=generation, seed=seed, constraints_func=lambda trial: (trial.user_attrs[BEHIND],)
         )
+
+
+BEHIND = "behind"
+"""Attribute of a trial for Optuna: how much less often it succeeded than the best so far; above 0 is infeasible."""
+
+
+def _tell(study: Any, asked: Sequence[Any], trials: Sequence[Trial], most: float) -> None:
+    from optuna.trial import TrialState
+
+    for one, trial in zip(asked, trials, strict=True):
+        one.set_user_attr(BEHIND, most - trial.success)
+        values = list(trial.values.values())
+        if all(np.isfinite(values)):
+            study.tell(one, values)
+        else:
+            study.tell(one, state=TrialState.FAIL)
+
+
+def _trial(number: int, point: Point, rows: Sequence[Row], objectives: Mapping[str, str]) -> Trial:
+    values = {name: mean_of([row[name] for row in rows]) for name in objectives}
+    return Trial(number, point, values, float(np.mean([row["success"] for row in rows])) if rows else 0.0)
+
+
+def _marked(trials: Sequence[Trial], trade_off: Mapping[str, float]) -> list[Trial]:
+    """Return the trials, marked which of those that succeed as often as any are on the front."""
+    costs = np.array([[sign * trial.values[name] for name, sign in trade_off.items()] for trial in trials])
+    success = np.array([trial.success for trial in trials])
+    costs[success < success.max()] = np.nan
+    return [replace(t, best=bool(best)) for t, best in zip(trials, pareto_front(costs), strict=True)]
+
+
+def _check(cases: Cases, dimensions: Sequence[Dimension], trials: int, generation: int) -> None:
+    names = [dimension.name for dimension in dimensions]
+    if not names or len(set(names)) < len(names):
+        raise InvalidValue("dimensions", names, "at least one, each once")
+    if trials < 1 or generation < 2:
+        raise InvalidValue("trials and generation", (trials, generation), "1 or more, 2 or more")
+    robots = cases.robots if isinstance(cases.scenes, int) else {scene.robot for scene in cases.scenes}
+    if len(robots) > 1:
+        arms = ", ".join(robot if isinstance(robot, str) else robot.name for robot in robots)
+        raise InvalidValue("robots to tune for", arms, "one: what suits one arm says little about another")
 
 
 def _suggest(trial: Any, dimension: Dimension) -> Any:
