@@ -25,6 +25,8 @@ MODE_COLOURS: Mapping[str, str] = {
     "carry": "#7cc4a4",
 }
 """One colour per control mode, the same in timelines and trajectories."""
+BESIDE = 2.0
+"""Width that axes and legend take beside the panels [in]."""
 OTHER = "#c2185b"
 """Modes that have no colour of their own."""
 
@@ -86,12 +88,12 @@ def trajectories(objects: Scene, paths: Sequence[Path], title: str = "", goal: s
     low, high = points.min(axis=0) - 0.03, points.max(axis=0) + 0.03
     low[2] = min(low[2], -0.01)
     size = high - low
-    width = 4.6
+    width = 4.0
     heights = [width * size[1] / size[0], width * size[2] / size[0]]
     figure, axes = new_figure(
         2,
         len(paths),
-        figsize=(width * len(paths), min(sum(heights) + 1.5, 12.0)),
+        figsize=(width * len(paths) + BESIDE, min(sum(heights) + 1.5, 12.0)),
         squeeze=False,
         sharex=True,
         sharey="row",
