@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
-from optsc.cli.options import add_output, add_seed, add_setting
+from optsc.cli.options import add_output, add_seed, add_setting, command_line
 from optsc.cli.progress import shown_progress
 
 PEOPLE = "typical, patient, hasty, biased; in study arbitration also mind-changing"
@@ -60,6 +63,19 @@ def cases_of(options: argparse.Namespace) -> Any:
         options.repetitions,
         Settings(options.rate, options.longest, options.follower, library=options.library),
     )
+
+
+@contextmanager
+def kept_rows(options: argparse.Namespace) -> Iterator[None]:
+    """Say on an interrupt what is there and how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(
+            f"\nfinished rows are kept in {options.output / 'rows'}; to go on: {command_line()}",
+            file=sys.stderr,
+        )
+        raise
 
 
 def executor_of(options: argparse.Namespace) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from optsc.cli.cases import add_case_options, cases_of, compute
+from optsc.cli.cases import add_case_options, cases_of, compute, kept_rows
 from optsc.cli.options import actions_of, command_line
 from optsc.cli.people import add_people
 
@@ -61,7 +61,8 @@ def _approach(options: argparse.Namespace) -> int:
 
     cases = cases_of(options)
     jobs = cases.jobs(approach_conditions(options.measures))
-    rows = compute(options, jobs)
+    with kept_rows(options):
+        rows = compute(options, jobs)
     comparisons, failed = compare(rows, options.seed), failures(rows)
     save_rows(rows, options.output)
     if failed:
@@ -92,7 +93,8 @@ def _arbitration(options: argparse.Namespace) -> int:
 
     cases = cases_of(options)
     jobs = policy_jobs(cases, policy_conditions(options.policies))
-    rows = compute(options, jobs, do_policies)
+    with kept_rows(options):
+        rows = compute(options, jobs, do_policies)
     save_rows(rows, options.output)
     page = build(rows, command_line(), options.seed, jobs).save(options.output)
     facts = {"command": command_line(), "seed": options.seed, "rows": len(rows)}

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import sys
 import textwrap
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
-from optsc.cli.cases import add_case_options, cases_of, compute, executor_of
+from optsc.cli.cases import add_case_options, cases_of, compute, executor_of, kept_rows
 from optsc.cli.options import checked_seed, command_line
 from optsc.cli.progress import shown_progress
 from optsc.errors import InvalidValue
@@ -117,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
     _check(options)
     dimensions = [Dimension.parse(text) for text in options.vary]
     cases, objectives = cases_of(options), _objectives(options)
-    with _kept(options):
+    with kept_rows(options):
         points = (
             _searched(options, cases, dimensions, objectives)
             if options.tune
@@ -166,19 +163,6 @@ def _objectives(options: argparse.Namespace) -> dict[str, str]:
         raise InvalidValue("--objectives", " ".join(options.objectives), "two measures or more, each once")
     trade_off_of(dict(pairs))
     return dict(pairs)
-
-
-@contextmanager
-def _kept(options: argparse.Namespace) -> Iterator[None]:
-    """Say on an interrupt what is there and how to go on."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        print(
-            f"\nfinished rows are kept in {options.output / 'rows'}; to go on: {command_line()}",
-            file=sys.stderr,
-        )
-        raise
 
 
 def _design(options: argparse.Namespace, dimensions: Any) -> Any:
