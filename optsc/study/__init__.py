@@ -5,8 +5,9 @@ Names are loaded when they are first used, so that importing the room costs next
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from optsc.study.lazily import lazily
 
 if TYPE_CHECKING:
     from optsc.study.approach import (
@@ -213,13 +214,7 @@ __all__ = [
     "tune",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _PARTS:
-        return importlib.import_module(f"optsc.study.{name}")
-    if name in _WHERE:
-        return getattr(importlib.import_module(f"optsc.study.{_WHERE[name]}"), name)
-    raise AttributeError(f"module 'optsc.study' has no attribute {name!r}")
+__getattr__ = lazily(__name__, _WHERE, _PARTS)
 
 
 def __dir__() -> list[str]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from optsc.study.keys import plain
 from optsc.study.outcomes import Row
+from optsc.study.strict_json import strict_json
 from optsc.study.sweep.store import write_csv, write_table
 
 PACKAGES = ("numpy", "scipy", "pin", "casadi", "daqp", "ruckig", "pybullet")
@@ -34,8 +33,7 @@ def save_summary(content: dict[str, Any], directory: Path) -> dict[str, Any]:
     facts = {"optsc": optsc.__version__, "python": platform.python_version(), "machine": platform.platform()}
     summary = {**content, "versions": {**facts, **_versions()}}
     directory.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(_finite(plain(summary)), indent=2, allow_nan=False)
-    (directory / "summary.json").write_text(text + "\n", encoding="utf-8")
+    (directory / "summary.json").write_text(strict_json(summary), encoding="utf-8")
     return summary
 
 
@@ -47,11 +45,3 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[name] = "missing"
     return found
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not abs(value) < float("inf") else value

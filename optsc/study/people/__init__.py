@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from optsc.study.lazily import lazily
 from optsc.study.people.design import Block, StudyDesign, Trial, williams_design
 from optsc.study.people.sitting import Sitting, TrialResult, collect
 from optsc.study.people.workload import SCALES, Workload, ask_workload
@@ -62,8 +62,4 @@ __all__ = [
     "williams_design",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _WHERE:
-        return getattr(importlib.import_module(f"optsc.study.people.{_WHERE[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazily(__name__, _WHERE)

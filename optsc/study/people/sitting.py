@@ -6,15 +6,14 @@ import csv
 import json
 import os
 from collections.abc import Callable, Mapping
-from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.records import Run
-from optsc.study.keys import plain
 from optsc.study.people.design import Block, StudyDesign, Trial
 from optsc.study.people.workload import SCALES, Workload
+from optsc.study.strict_json import strict_json
 
 DESIGN_FILE = "design.json"
 
@@ -105,7 +104,7 @@ class Sitting:
         result = run_trial(trial, self.design.time_limit)
         result.run.save(self.directory / trial.file_name("run", "npz"))
         row = {**trial._asdict(), "success": result.success, **result.measures}
-        write_at_once(self._path(trial), json.dumps(_finite(row), indent=2, allow_nan=False) + "\n")
+        write_at_once(self._path(trial), strict_json(row))
         return result
 
     def rate(self, condition: str, answers: Workload, *, replace: bool = False) -> Path:
@@ -213,12 +212,3 @@ def _read_measures(path: Path) -> dict[str, Any]:
         advice = "remove it, and the trial is done again"
         raise DamagedFile(path, f"holds no measures of a trial ({error}); {advice}") from None
     return row
-
-
-def _finite(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a flat row with null for what is no number: JSON has no other word for it."""
-    content = {name: plain(value) for name, value in row.items()}
-    return {
-        name: None if isinstance(value, float) and not isfinite(value) else value
-        for name, value in content.items()
-    }
