@@ -38,7 +38,18 @@ _WHERE = {
     "solve_ik": "optsc.ik.batch",
 }
 _ROOMS = (
-    *("control", "errors", "followers", "geometry", "grasps", "ik", "metrics", "operators", "perception"),
+    *(
+        "checks",
+        "control",
+        "errors",
+        "followers",
+        "geometry",
+        "grasps",
+        "ik",
+        "metrics",
+        "operators",
+        "perception",
+    ),
     *("records", "robot", "selection", "session", "shaping", "sim", "study", "viewers"),
 )
 """All can be reached as attributes; those that most programs need are among the public names."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from typing import Any
 
 
@@ -37,11 +38,13 @@ class InvalidValue(OptscError, ValueError):
 
 
 class UnknownName(OptscError, LookupError):
-    """A name that nothing goes by, with the names that would have been valid."""
+    """A name that nothing goes by, with the names that would have been valid and the closest of them."""
 
     def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
         self.kind, self.name, self.choices = kind, name, tuple(sorted(choices))
-        super().__init__(f"no {kind} named {name!r}; there are: {', '.join(self.choices) or 'none'}")
+        close = get_close_matches(str(name), self.choices, n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        super().__init__(f"no {kind} named {name!r}; there are: {', '.join(self.choices) or 'none'}{hint}")
 
 
 class DamagedFile(OptscError):

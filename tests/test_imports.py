@@ -12,7 +12,7 @@ import optsc
 ROOT = Path(optsc.__file__).parent
 
 LEVELS = (
-    ("errors",),
+    ("errors", "checks"),
     ("geometry",),
     ("robot",),
     ("sim", "grasps"),
