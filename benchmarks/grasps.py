@@ -24,12 +24,14 @@ import numpy as np
 from benchmarks.grasp_scenes import View, procedural_object, single_view
 from benchmarks.machine import markdown_table, save
 from optsc.geometry import Pose
-from optsc.grasps import GraspSet, detect_grasps, sample_grasps
-from optsc.grasps.checks import Tally
+from optsc.grasps import GraspSet
 from optsc.perception.completion import completed
 from optsc.perception.registration import register
 from optsc.perception.templates import template_from_mesh
 from optsc.robot import PANDA_HAND, RobotModel, load_robot
+from optsc.sampling.antipodal import sample_grasps
+from optsc.sampling.checks import Tally
+from optsc.sampling.detection import detect_grasps
 from optsc.sim import OBJECT_NAMES, ObjectModel, object_model
 from optsc.sim.trial_settings import TrialSettings
 from optsc.sim.validation import try_in_parallel

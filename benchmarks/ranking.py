@@ -26,15 +26,23 @@ from benchmarks.ik_success import TracIk
 from benchmarks.machine import machine, markdown_table, save
 from benchmarks.peers import PinkPeer
 from optsc import selection
-from optsc.control.selecting import GraspSelector
+from optsc.cache import cache_directory
 from optsc.geometry import Pose
-from optsc.grasps import Candidates, build_library
+from optsc.grasps import Candidates
 from optsc.ik.batch import solve_ik
 from optsc.robot import ROBOT_NAMES, RobotModel, load_robot
-from optsc.robot.cache import cache_directory
 from optsc.robot.collision import CollisionModel
 from optsc.robot.manipulability import Manipulability
-from optsc.selection import Cascade, GraspClearance, GraspCost, ReachTable, WeightedSum, solve_reach
+from optsc.sampling import build_library
+from optsc.selection import (
+    Cascade,
+    GraspClearance,
+    GraspCost,
+    GraspSelector,
+    ReachTable,
+    WeightedSum,
+    solve_reach,
+)
 from optsc.sim import tabletop
 
 SIZES = (10, 30, 100, 300, 1000, 3000, 10000)

@@ -24,13 +24,13 @@ import numpy as np
 
 import optsc
 from benchmarks.machine import markdown_table, save
+from optsc.demo.demonstration import load_or_build
+from optsc.demo.episode import clearance
 from optsc.geometry import Pose, rotation
 from optsc.operators import HandRecording
-from optsc.operators.human_motion import Hand, HumanParameters
+from optsc.people.human_motion import Hand, HumanParameters
 from optsc.selection import Cascade, Hysteresis, ManipulabilityLoss, OrientationDistance, PositionDistance
 from optsc.sim import tabletop
-from optsc.study.demo import load_or_build
-from optsc.study.episode import clearance
 
 RATE = 50.0
 """Rankings per second [Hz], as the controller makes them."""

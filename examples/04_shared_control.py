@@ -8,13 +8,13 @@ meshes = {name: model.mesh for name, model in world.objects.items()}
 library = optsc.build_library(meshes, robot.gripper, seed=0)
 
 selector = optsc.GraspSelector(robot, rule=optsc.Cascade.paper())
-hand = optsc.ClutchSettings(R_WS=optsc.operators.R_WS_DEFAULT)
+hand = optsc.ClutchSettings(R_WS=optsc.people.R_WS_DEFAULT)
 controller = optsc.SharedController(robot, selector, approach=optsc.Approach(speed=0.1), clutch=hand)
 
 with optsc.PyBulletFollower(world) as follower:
     run = optsc.run(
         controller,
-        operator=optsc.operators.Simulated(seed=1),
+        operator=optsc.people.Simulated(seed=1),
         follower=follower,
         candidates=library.place(world.X_WO),
         rate=500.0,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optsc.control.arbitration import HAND_ALONE, Alternating, Arbitration, Blend, Moment
-from optsc.control.arbitration.motions import towards
+from optsc.control.arbitration import HAND_ALONE, Arbitration, Blend, Moment, towards
+from optsc.control.policies import Alternating
 from optsc.study import Cases, PolicyCondition, do_policies, policy_jobs
 
 

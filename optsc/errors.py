@@ -63,6 +63,13 @@ class Mismatch(OptscError):
         super().__init__(f"{what} was made for {made_for!r} and cannot be used with {used_with!r}")
 
 
+class Closed(OptscError, RuntimeError):
+    """Something was used after it had been closed."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"this {what} is closed; make a new one")
+
+
 class SolverFailure(OptscError):
     """A one-off computation outside the control loop that has no answer (the loop itself never raises)."""
 

@@ -12,7 +12,7 @@ from optsc.cli.options import add_output, add_seed, add_setting, command_line
 from optsc.cli.progress import shown_progress
 
 PEOPLE = "typical, patient, hasty, biased; in study arbitration also mind-changing"
-"""`optsc.operators.TYPES` in words, so that showing the help loads nothing."""
+"""`optsc.people.TYPES` in words, so that showing the help loads nothing."""
 
 
 def add_case_options(

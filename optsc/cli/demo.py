@@ -43,8 +43,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the demonstration; a failed lift is a result, not an error."""
+    from optsc.demo.demonstration import run_demo, save, table
     from optsc.robot import load_robot
-    from optsc.study.demo import run_demo, save, table
 
     check_display(options)
     checked_seed(options)

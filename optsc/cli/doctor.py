@@ -37,8 +37,8 @@ def run(options: argparse.Namespace) -> int:
         options.state_machine.write_text(markdown())
         return 0
     import optsc
+    from optsc.cache import cache_directory
     from optsc.ik import solver_names
-    from optsc.robot.cache import cache_directory
     from optsc.robot.kernels.build import compiler
 
     print(

@@ -110,10 +110,11 @@ def _on_meshes(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_output import report
     from optsc.cli.grasp_surfaces import surface_from_file
     from optsc.cli.progress import counted_progress
-    from optsc.grasps import AntipodalSettings, build_library
     from optsc.grasps.storage import path_of
     from optsc.grasps.stored_surface import save_surface
     from optsc.robot import gripper
+    from optsc.sampling import build_library
+    from optsc.sampling.settings import AntipodalSettings
     from optsc.sim import OBJECT_NAMES, object_model
 
     facts: dict[str, Any] = {"seed": options.seed}
@@ -144,12 +145,13 @@ def _on_meshes(options: argparse.Namespace) -> int:
 def _on_image(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_output import report
     from optsc.cli.grasp_views import Wanted, arm_in, objects_in, templates_of
-    from optsc.grasps import AntipodalSettings, GraspLibrary
-    from optsc.grasps.keeping import check_keeping, keep_set
+    from optsc.grasps import GraspLibrary
     from optsc.grasps.storage import path_of
     from optsc.grasps.stored_surface import save_surface
     from optsc.perception import load_depth_image
     from optsc.robot import gripper
+    from optsc.sampling.keeping import check_keeping, keep_set
+    from optsc.sampling.settings import AntipodalSettings
 
     image = load_depth_image(options.image)
     templates = templates_of(options.templates or (), 1.0 if options.unit is None else options.unit)

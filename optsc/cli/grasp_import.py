@@ -11,10 +11,10 @@ import numpy as np
 from optsc.cli.grasp_surfaces import surface_from_file
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
-from optsc.grasps import GraspSet, import_grasps
-from optsc.grasps.importing import ACRONYM_X_HG, PANDA_X_HG
+from optsc.grasps import GraspSet
 from optsc.grasps.storage import path_of
 from optsc.robot import gripper
+from optsc.sampling.importing import ACRONYM_X_HG, PANDA_X_HG, import_grasps
 
 FRAMES = {"tool": Pose.identity(), "panda_hand": PANDA_X_HG, "acronym": ACRONYM_X_HG}
 """X_HG of the frames H that a file's poses may be of."""

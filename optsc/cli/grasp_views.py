@@ -12,7 +12,7 @@ import numpy as np
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import DepthImage, Pose
 from optsc.geometry.rotation import Array
-from optsc.grasps import AntipodalSettings, GraspSet
+from optsc.grasps import GraspSet
 from optsc.perception import (
     Registration,
     Segment,
@@ -33,6 +33,7 @@ from optsc.perception.scene import Recognised
 from optsc.perception.symmetry import nearest_equivalent
 from optsc.perception.table import find_table
 from optsc.robot import Gripper, load_robot
+from optsc.sampling.settings import AntipodalSettings
 from optsc.sim import OBJECT_NAMES
 
 

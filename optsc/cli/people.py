@@ -149,7 +149,8 @@ def _add_participant(parser: Any) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    from optsc.study.people import StudyDesign, StudyPlan
+    from optsc.study.participants.design import StudyDesign
+    from optsc.study.participants.plan import StudyPlan
 
     design = StudyDesign(
         options.name or options.study.resolve().name,
@@ -185,7 +186,8 @@ def _plan(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from optsc.cli.people_running import run_trials
-    from optsc.study.people import StudyPlan, hand_of
+    from optsc.study.participants.hands import hand_of
+    from optsc.study.participants.plan import StudyPlan
 
     plan = StudyPlan.load(options.study)
     sitting = plan.sitting(options.participant, options.study)
@@ -194,7 +196,8 @@ def _run(options: argparse.Namespace) -> int:
 
 def _rate(options: argparse.Namespace) -> int:
     from optsc.cli.people_running import asked
-    from optsc.study.people import StudyPlan, Workload
+    from optsc.study.participants.plan import StudyPlan
+    from optsc.study.participants.workload import Workload
 
     sitting = StudyPlan.load(options.study).sitting(options.participant, options.study)
     sitting.check_rating(options.condition, replace=options.replace)
@@ -205,7 +208,7 @@ def _rate(options: argparse.Namespace) -> int:
 
 
 def _status(options: argparse.Namespace) -> int:
-    from optsc.study.people import StudyPlan
+    from optsc.study.participants.plan import StudyPlan
 
     plan = StudyPlan.load(options.study)
     for participant in range(1, plan.participants + 1):
@@ -221,8 +224,8 @@ def _status(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from optsc.study.people import StudyPlan
-    from optsc.study.people.report import save_report
+    from optsc.study.participants.plan import StudyPlan
+    from optsc.study.participants.report import save_report
 
     plan, output = StudyPlan.load(options.study), options.output or options.study / "report"
     page, found = save_report(

@@ -8,7 +8,12 @@ import sys
 
 from optsc.cli.options import check_display
 from optsc.errors import InvalidValue
-from optsc.study.people import Hand, Sitting, StudyPlan, Trial, Workload, ask_workload, trial_runner
+from optsc.study.participants.design import Trial
+from optsc.study.participants.hands import Hand
+from optsc.study.participants.plan import StudyPlan
+from optsc.study.participants.sitting import Sitting
+from optsc.study.participants.trials import trial_runner
+from optsc.study.participants.workload import Workload, ask_workload
 
 
 def run_trials(plan: StudyPlan, sitting: Sitting, hand: Hand, options: argparse.Namespace) -> int:

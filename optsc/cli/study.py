@@ -13,7 +13,7 @@ BUILT_IN = (
     *("alternating", "automatic", "continuous", "hindsight optimisation"),
     *("linear blending", "manual", "product of experts", "virtual fixture"),
 )
-"""Names of `optsc.control.arbitration.POLICIES`, here so that help needs no library."""
+"""Names of `optsc.control.policies.POLICIES`, here so that help needs no library."""
 
 
 def add_parser(subparsers: Any) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from optsc.control.approach import Approach, PathTarget, StraightPath
-from optsc.control.arbitration.interface import Goal
+from optsc.control.arbitration import Goal
 from optsc.control.fine_tuning import Shift
 from optsc.control.modes import Event
 from optsc.control.servo import Command, Servo, Status

@@ -15,7 +15,7 @@ import numpy as np
 
 from optsc.control.activities import Assistance, Coupling, HandInput, Outcome
 from optsc.control.approach import Approach
-from optsc.control.arbitration.interface import HAND_ALONE, Arbitration, Blend, Moment
+from optsc.control.arbitration import HAND_ALONE, Arbitration, Blend, Moment
 from optsc.control.modes import Event
 from optsc.control.servo import Servo
 from optsc.geometry import scalar

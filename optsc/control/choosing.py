@@ -1,4 +1,7 @@
-"""Choosing: which object is meant, and which of its grasps the robot goes to."""
+"""Choosing: which object is meant, and which of its grasps the robot goes to.
+
+Has what the robot is on its way to moved in the meantime? Then it must not drive on blindly.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.control.approach import Approach
-from optsc.control.arbitration.interface import Goal, GraspPose
+from optsc.control.arbitration import Goal, GraspPose
+from optsc.control.modes import Mode
 from optsc.control.rollout import Outlook, best_way, outlook
 from optsc.control.servo import Servo
 from optsc.geometry import Pose, rotation, scalar
@@ -18,15 +22,7 @@ from optsc.grasps import Candidates
 from optsc.operators.clutch import ClutchSettings, Hand
 from optsc.robot import RobotModel
 from optsc.selection import GraspSelector, Ranking, Target
-from optsc.selection.intent import (
-    Belief,
-    CostToGo,
-    Goals,
-    IntentSettings,
-    cost_to_go,
-    updated,
-    wasted,
-)
+from optsc.selection.intent import Belief, CostToGo, Goals, IntentSettings, cost_to_go, updated, wasted
 from optsc.selection.reach import ClearRows, ReachTable
 
 RANKING_PERIOD = 0.02
@@ -280,3 +276,36 @@ def _goals(goals: Goals, here: CostToGo, belief: Belief) -> tuple[Goal, ...]:
         return GraspPose(tuple(p), tuple(q), int(goals.candidate[row]))
 
     return tuple(Goal(name, b, grasp(i), grasp(j)) for name, b, i, j in rows)
+
+
+FARTHEST = 0.01
+"""A grasp that has moved by more than this is no longer the one that was set out for [m]: half a pad's width."""
+ON_THE_WAY = (Mode.APPROACH, Mode.ADJUST, Mode.ADVANCE)
+"""Where the jaws have not closed yet. Later the object moves with the hand."""
+
+
+def displaced(target: Target, before: Candidates | None, now: Candidates) -> str:
+    """Return what has become of the object of a grasp, in words; empty where the grasp is where it was.
+
+    Args:
+        target: the grasp that the robot goes to, one of ``before``.
+        before, now: the grasps of the scene when it was chosen, and after a look.
+    """
+    name = target.object_name
+    if name not in now.object_names:
+        return f"the {name} is gone"
+    was = None if before is None else _place(target, before)
+    place = _place(target, now)
+    if was is None or place is None:
+        return f"the {name} has other grasps now"
+    distance = float(np.linalg.norm(place - was))
+    return f"the {name} has moved by {1e3 * distance:.0f} mm" if distance > FARTHEST else ""
+
+
+def _place(target: Target, candidates: Candidates) -> np.ndarray | None:
+    """Return where a grasp is (3,) [m]; None where there is no such one."""
+    if target.object_name not in candidates.object_names:
+        return None
+    index = candidates.object_names.index(target.object_name)
+    rows = np.flatnonzero((candidates.object_index == index) & (candidates.grasp_index == target.grasp_index))
+    return candidates.X_WG.translation[rows[0]] if len(rows) else None

@@ -20,13 +20,13 @@ from optsc.control.activities import (
     Travelling,
 )
 from optsc.control.approach import Approach
-from optsc.control.arbitration import Alternating, Arbitration, Trigger
+from optsc.control.arbitration import Arbitration, Trigger
 from optsc.control.assisted import Assisted
-from optsc.control.choosing import Choosing
-from optsc.control.displaced import ON_THE_WAY, displaced
+from optsc.control.choosing import ON_THE_WAY, Choosing, displaced
 from optsc.control.fine_tuning import FineTuning, Scene, Shift, Tuner, hand_nudge
 from optsc.control.listening import Heard, Listener
 from optsc.control.modes import TRANSITIONS, Event, Mode, next_mode
+from optsc.control.policies import Alternating
 from optsc.control.servo import Command, Servo, ServoSettings
 from optsc.control.touching import Touching
 from optsc.errors import InvalidValue

@@ -7,11 +7,10 @@ from types import MappingProxyType, TracebackType
 
 from numpy.typing import ArrayLike
 
-from optsc.errors import InvalidValue
-from optsc.followers.protocol import FollowerState, checked_command, one_posture
+from optsc.errors import Closed, InvalidValue
+from optsc.followers.protocol import JAW_SPEED, FollowerState, checked_command, one_posture
 from optsc.geometry import Pose
 from optsc.robot import RobotModel
-from optsc.sim.settings import Closed, PhysicsSettings
 
 
 class IdealFollower:
@@ -31,7 +30,7 @@ class IdealFollower:
         robot: RobotModel,
         objects: Mapping[str, Pose] | None = None,
         *,
-        jaw_speed: float = PhysicsSettings.jaw_speed,
+        jaw_speed: float = JAW_SPEED,
     ) -> None:
         if not 0.0 < jaw_speed < float("inf"):
             raise InvalidValue("jaw_speed", jaw_speed, "finite, above 0 m/s")

@@ -14,6 +14,8 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 
+JAW_SPEED = 0.1
+"""Greatest rate of the opening [m/s] where nothing else is said."""
 OPENING_TOLERANCE = 1e-6
 """How far a commanded opening may lie outside the jaws' range [m] before it is refused."""
 

@@ -1,4 +1,4 @@
-"""The grasps of several objects: kept together, stored, placed in the world, built when they are missing."""
+"""The grasps of several objects: kept together, stored, and placed in the world."""
 
 from __future__ import annotations
 
@@ -7,13 +7,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 from optsc.errors import DamagedFile, InvalidValue, Mismatch, UnknownName
-from optsc.geometry import Pose, TriangleMesh
-from optsc.grasps.antipodal import sample_grasps
+from optsc.geometry import Pose
 from optsc.grasps.candidates import Candidates, place
-from optsc.grasps.gathering import Progress
 from optsc.grasps.grasp_set import GraspSet
-from optsc.grasps.keeping import differences, expendable, refuse, stored_set
-from optsc.grasps.settings import AntipodalSettings
 from optsc.grasps.storage import SUFFIX, load_set, path_of, save_set
 from optsc.robot.gripper import Gripper
 
@@ -101,46 +97,3 @@ class GraspLibrary(Mapping[str, GraspSet]):
 
 class _UnknownObjectError(UnknownName, KeyError):
     __str__ = Exception.__str__  # KeyError would print the message in quotes
-
-
-def build_library(
-    objects: Mapping[str, TriangleMesh],
-    gripper: Gripper,
-    *,
-    seed: int,
-    directory: str | Path | None = None,
-    settings: AntipodalSettings | None = None,
-    progress: Progress | None = None,
-    replace: bool = False,
-) -> GraspLibrary:
-    """Return the grasps of all ``objects``, taken from ``directory`` where they are stored already.
-
-    A stored set is taken if everything agrees that decides about its content: the object's surface, the
-    gripper's shape, the seed, the settings and the sampling method; an imported one if it is of this very surface
-    and for this gripper. What is missing or damaged is sampled and stored. Other grasps are never written over
-    unless ``replace`` says so, except, in the per-user cache, sampled ones that nobody tried.
-
-    Raises:
-        InvalidValue: other grasps of an object are stored, or a file is from a later version of the library. It
-            is raised before anything is sampled.
-    """
-    settings = settings or AntipodalSettings()
-    sets: dict[str, GraspSet] = {}
-    for name, mesh in objects.items():
-        stored = None if directory is None else stored_set(directory, name)
-        if directory is None or stored is None:
-            continue
-        other = differences(stored, mesh, gripper, seed, settings)
-        if not other:
-            sets[name] = stored
-        elif not replace and not expendable(stored, directory):
-            refuse(directory, stored, f"grasps {other}")
-    for name, mesh in objects.items():
-        if name in sets:
-            if progress is not None:
-                progress(name, 1, 1)
-            continue
-        sets[name] = sample_grasps(mesh, gripper, name=name, seed=seed, settings=settings, progress=progress)
-        if directory is not None:
-            save_set(sets[name], directory)
-    return GraspLibrary({name: sets[name] for name in objects})

@@ -29,10 +29,10 @@ from pathlib import Path
 
 import numpy as np
 
+from optsc.cache import write_atomically
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose
 from optsc.grasps.grasp_set import GraspSet
-from optsc.robot.cache import write_atomically
 
 FORMAT = 2
 """Version of the file format; a file with a greater one is refused."""

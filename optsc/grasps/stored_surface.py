@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from optsc.cache import write_atomically
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import TriangleMesh
 from optsc.grasps.grasp_set import GraspSet
 from optsc.grasps.storage import BAD_ARCHIVE, path_of
-from optsc.robot.cache import write_atomically
 
 SUFFIX = ".surface.npz"
 

@@ -9,13 +9,15 @@ import numpy as np
 
 from optsc.geometry import DepthImage, PointCloud, Pose, TriangleMesh
 from optsc.geometry.rotation import Array
-from optsc.grasps import AntipodalSettings, GraspSet, detect_grasps
+from optsc.grasps import GraspSet
 from optsc.perception.completion import COMMON, completed
 from optsc.perception.memory import Explanation, KnownObject
 from optsc.perception.registration import Registration
 from optsc.perception.segments import Segment
 from optsc.perception.templates import Template
 from optsc.robot import Gripper
+from optsc.sampling.detection import detect_grasps
+from optsc.sampling.settings import AntipodalSettings
 
 
 class Look(NamedTuple):

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, Pose, rotation
-from optsc.grasps import AntipodalSettings
 from optsc.perception.holding import Hand, hand, with_grips
 from optsc.perception.learning import Look, Shape, grasps_of, known_object, shape_of
 from optsc.perception.memory import KnownObject, News, SceneEvent, SceneMemory
@@ -33,6 +32,7 @@ from optsc.perception.segments import Segment
 from optsc.perception.symmetry import nearest_equivalent
 from optsc.perception.templates import Template
 from optsc.robot import RobotModel
+from optsc.sampling.settings import AntipodalSettings
 
 SAME_PLACE = (0.001, 0.001)
 """A camera counts as standing still if it is this close to where it was [m, rad]."""

@@ -73,7 +73,7 @@ def resting_poses(
 
 def centre_of_mass(mesh: TriangleMesh) -> Array:
     """Return the centre of the enclosed volume (3,) [m]; that of the convex hull if the mesh is not closed."""
-    from optsc.grasps.surface import is_closed
+    from optsc.sampling.surface import is_closed
 
     faces = mesh.faces
     vertices = mesh.vertices

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optsc.robot.cache import cache_directory, write_atomically
+from optsc.cache import cache_directory, write_atomically
 
 Arrays = Mapping[str, np.ndarray]
 

@@ -200,7 +200,7 @@ def _check_size(name: str, mesh: TriangleMesh) -> None:
 
 
 def _check_volume(name: str, mesh: TriangleMesh) -> None:
-    from optsc.grasps.surface import is_closed
+    from optsc.sampling.surface import is_closed
 
     valid = (
         "above 1 mm^3: a closed surface that encloses something, faces counter-clockwise seen from outside"

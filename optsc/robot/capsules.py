@@ -19,9 +19,9 @@ import coal
 import numpy as np
 import pinocchio
 
+from optsc.cache import cache_directory, write_atomically
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.robot.cache import cache_directory, write_atomically
 from optsc.robot.model import RobotModel
 
 MOST_CAPSULES = 3

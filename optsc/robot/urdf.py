@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
+from optsc.cache import cache_directory, write_atomically
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
-from optsc.robot.cache import cache_directory, write_atomically
 
 
 def read_urdf(path: str | Path) -> Element:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.ik.batch import solve_ik
 from optsc.selection import columns
 from optsc.selection.filters import GraspFilter
 from optsc.selection.grid import Grid, Situation
@@ -29,6 +30,22 @@ if TYPE_CHECKING:
 
 FINALISTS = 6
 """How many of the best grasps of each object must be judged from the arm's present posture."""
+
+
+RESTARTS = 0
+"""A grasp has to be reached from the present configuration: the arm moves straight, in the IK branch it is in."""
+
+
+def _solver(robot: RobotModel) -> SolveIk:
+    """Return this library's inverse kinematics as a selector asks for it."""
+
+    def solve(X_WT: Pose, seeds: Array) -> tuple[Array, np.ndarray]:
+        solutions = solve_ik(robot, X_WT, rng=np.random.default_rng(0), seeds=seeds, restarts=RESTARTS)
+        return solutions.q, solutions.success
+
+    # What a single pose needs is compiled now, not in the middle of a control tick.
+    solve(robot.forward(robot.home[None]), robot.home)
+    return solve
 
 
 class GraspSelector:
@@ -59,10 +76,12 @@ class GraspSelector:
         rule: Rule | None = None,
         manipulability: Measure | None = None,
         *,
-        solve: SolveIk,
-        standoff: float = 0.10,
+        standoff: float = 0.1,
         filters: Sequence[GraspFilter] = (),
         hysteresis: Hysteresis | None = None,
+        speed: float = 0.1,
+        angular_speed: float = 0.5,
+        solve: SolveIk | None = None,
         motion: StraightMotion | None = None,
         refresh_angle: float = 0.1,
         refresh_limit: int = 6,
@@ -73,11 +92,13 @@ class GraspSelector:
             robot: the arm.
             rule: by default the paper's cascade.
             manipulability: the measure M; by default `optsc.robot.manipulability.Manipulability()`.
-            solve: inverse kinematics, see `optsc.selection.reach.SolveIk`.
             standoff: distance from the pre-grasp to the grasp along the approach axis [m].
             filters: which candidates may be ranked, besides reachability.
-            hysteresis: how far hand and arm move before the ranking takes notice; None for at once.
-            motion: how the tool is led to a grasp, see `optsc.selection.reach.solve_reach`.
+            hysteresis: how far hand and arm move before the ranking takes notice; None, as in the paper, for at once.
+            speed, angular_speed: of the tool on the approach [m/s, rad/s], by which straight paths are judged.
+            solve: inverse kinematics, see `optsc.selection.reach.SolveIk`; by default `optsc.solve_ik`.
+            motion: how the tool is led to a grasp, see `optsc.selection.reach.solve_reach`; by default, with the
+                default ``solve``, straight at those speeds.
             refresh_angle: how far a joint may be [rad] from where a finalist was solved before it is solved
                 again.
             refresh_limit: rows solved again in one call of `rank`, at most.
@@ -95,6 +116,8 @@ class GraspSelector:
             from optsc.robot.manipulability import Manipulability
 
             manipulability = Manipulability()
+        if solve is None:
+            solve, motion = _solver(robot), motion or StraightMotion(robot, speed, angular_speed)
         self.robot, self.filters, self.hysteresis = robot, tuple(filters), hysteresis
         self.rule: Rule = Cascade.paper() if rule is None else rule
         self.ranking: Ranking | None = None

@@ -10,7 +10,7 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike
 
-from optsc.errors import InvalidValue, UnknownName
+from optsc.errors import Closed, InvalidValue, UnknownName
 from optsc.geometry import DepthImage, PinholeCamera, Pose, look_at
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
@@ -19,7 +19,7 @@ from optsc.sim.bullet_arm import Arm
 from optsc.sim.depth_noise import DepthNoise, measured_depth
 from optsc.sim.objects import ObjectModel
 from optsc.sim.physics import Physics
-from optsc.sim.settings import Closed, PhysicsSettings
+from optsc.sim.settings import PhysicsSettings
 from optsc.sim.tabletop import Tabletop
 from optsc.sim.workspace import comfortable_band
 

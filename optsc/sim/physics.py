@@ -9,12 +9,12 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike
 
-from optsc.errors import InvalidValue, UnknownName
+from optsc.errors import Closed, InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.sim import bullet_bodies
 from optsc.sim.bullet_arm import Arm
-from optsc.sim.settings import GRAVITY, Closed, PhysicsSettings
+from optsc.sim.settings import GRAVITY, PhysicsSettings
 from optsc.sim.tabletop import Tabletop
 
 

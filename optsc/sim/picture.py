@@ -13,13 +13,13 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike, NDArray
 
-from optsc.errors import InvalidValue, UnknownName
+from optsc.errors import Closed, InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.sim import bullet_bodies
 from optsc.sim.bullet_arm import Arm
-from optsc.sim.settings import Closed, PhysicsSettings
+from optsc.sim.settings import PhysicsSettings
 from optsc.sim.tabletop import Tabletop
 
 Image = NDArray[np.uint8]

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from optsc.errors import InvalidValue, OptscError, require_positive
+from optsc.errors import InvalidValue, require_positive
+from optsc.followers.protocol import JAW_SPEED
 
 GRAVITY = 9.81
 """[m/s^2], downwards."""
 
 LONGEST_STEP = 1.0 / 480.0
 """Longest simulation step [s]: with longer ones grasps that hold in reality slip."""
-
-
-class Closed(OptscError, RuntimeError):
-    """Something was used after it had been closed."""
-
-    def __init__(self, what: str) -> None:
-        super().__init__(f"this {what} is closed; make a new one")
 
 
 @dataclass(frozen=True)
@@ -42,7 +36,7 @@ class PhysicsSettings:
     solver_iterations: int = 150
     position_gain: float = 0.3
     jaw_force: float = 40.0
-    jaw_speed: float = 0.1
+    jaw_speed: float = JAW_SPEED
     finger_friction: float = 1.0
     pad_torsion: float = 0.005
 

@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from optsc.control.arbitration import POLICIES, Arbitration, Trigger, make_policy
+from optsc.control.arbitration import Arbitration, Trigger
 from optsc.control.modes import Mode
+from optsc.control.policies import POLICIES, make_policy
 from optsc.errors import InvalidValue, Mismatch, UnknownName
 from optsc.followers import Follower
 from optsc.geometry import Pose
@@ -30,7 +31,7 @@ from optsc.metrics import (
     worst_jumps,
 )
 from optsc.operators import Operator
-from optsc.operators.simulated import R_WS_DEFAULT
+from optsc.people.simulated import R_WS_DEFAULT
 from optsc.records import Run, Tick
 from optsc.session import run
 from optsc.study.conditions import Person

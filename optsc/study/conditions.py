@@ -8,7 +8,8 @@ from functools import cached_property
 from typing import Any
 
 from optsc.errors import InvalidValue, UnknownName
-from optsc.operators import Operator, operator_type
+from optsc.operators import Operator
+from optsc.people.people import operator_type
 from optsc.robot.manipulability import DEFINITIONS, Manipulability
 from optsc.selection import Cascade, Rule
 from optsc.study.keys import Plain, key, plain
@@ -19,7 +20,7 @@ class Person:
     """A simulated operator as a value.
 
     Attributes:
-        kind: one of `optsc.operators.TYPES`.
+        kind: one of `optsc.people.TYPES`.
         seed: of everything random; the same seed under every condition gives common random numbers.
     """
 

@@ -91,7 +91,7 @@ class Engine:
     def __init__(self, scene: Scene, person: Person, settings: Settings | None = None) -> None:
         if person.steps_in:
             raise InvalidValue(
-                "person", person.kind, "one who does not step in on the way, see `optsc.operators.TYPES`"
+                "person", person.kind, "one who does not step in on the way, see `optsc.people.TYPES`"
             )
         self.stage, self.person = Stage(scene, settings or Settings()), person
         self.key = episode_key(scene, person, self.stage.settings)

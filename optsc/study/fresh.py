@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.control.approach import Approach
-from optsc.control.selecting import GraspSelector
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.grasps import Candidates
 from optsc.robot import RobotModel
 from optsc.robot.manipulability import Manipulability
-from optsc.selection import Ranking, ReachTable, Rule
+from optsc.selection import GraspSelector, Ranking, ReachTable, Rule
 from optsc.selection.columns import needed
 from optsc.selection.reach import ClearRows
 from optsc.study.conditions import measure

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from optsc.cache import cache_directory
 from optsc.errors import InvalidValue
-from optsc.grasps import GraspLibrary, GraspSet, build_library
+from optsc.grasps import GraspLibrary, GraspSet
 from optsc.robot import Gripper, RobotModel
-from optsc.robot.cache import cache_directory
+from optsc.sampling import build_library
 from optsc.sim import ObjectModel, object_model
 from optsc.study.keys import key
 

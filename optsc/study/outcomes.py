@@ -15,7 +15,7 @@ from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.metrics import Nearest, jump_measures, motion_measures
 from optsc.metrics.summary import interaction_measures
-from optsc.operators.simulated import R_WS_DEFAULT
+from optsc.people.simulated import R_WS_DEFAULT
 from optsc.robot import RobotModel
 from optsc.robot.collision import TABLE
 from optsc.robot.distances import DistanceModel

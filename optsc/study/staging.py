@@ -16,7 +16,7 @@ from optsc.control.controller import SharedController
 from optsc.errors import InvalidValue, UnknownName
 from optsc.followers import IdealFollower
 from optsc.operators import ClutchSettings
-from optsc.operators.simulated import R_WS_DEFAULT
+from optsc.people.simulated import R_WS_DEFAULT
 from optsc.robot import RobotModel
 from optsc.robot.collision import CollisionModel
 from optsc.selection import GraspClearance
@@ -27,7 +27,7 @@ from optsc.study.libraries import grasps_hash, library_of
 from optsc.study.scenes import Scene
 
 if TYPE_CHECKING:
-    from optsc.followers.bullet import PyBulletFollower
+    from optsc.sim.follower import PyBulletFollower
 
 ENGINE = 3
 """Version of what a row means; part of every key, raised whenever rows of equal settings would differ."""
@@ -112,6 +112,6 @@ class Stage:
         if self.settings.follower == "ideal":
             return IdealFollower(self.robot, self.world.X_WO)
         # Whoever needs no physics need not load the engine.
-        from optsc.followers.bullet import PyBulletFollower
+        from optsc.sim.follower import PyBulletFollower
 
         return PyBulletFollower(self.world, gui=gui)

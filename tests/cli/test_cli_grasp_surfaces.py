@@ -7,7 +7,7 @@ import trimesh
 from optsc.cli import main
 from optsc.geometry import Pose
 from optsc.grasps import GraspLibrary
-from optsc.grasps.importing import ACRONYM_X_HG, PANDA_X_HG
+from optsc.sampling.importing import ACRONYM_X_HG, PANDA_X_HG
 from optsc.sim.objects.solids import cuboid
 
 OFF = np.array([0.3, 0.1, -0.2])  # where the mesh file has the centre of the part's base

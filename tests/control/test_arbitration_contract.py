@@ -18,8 +18,9 @@ from closed_loop import (
 
 import optsc
 from optsc.control.approach import Approach
-from optsc.control.arbitration import POLICIES, Arbitration, Blend, Continuous, Trigger, make_policy
+from optsc.control.arbitration import Arbitration, Blend, Trigger
 from optsc.control.modes import Event, Mode
+from optsc.control.policies import POLICIES, Continuous, make_policy
 from optsc.geometry import Pose, rotation
 from optsc.operators import Button, OperatorSample
 from optsc.records import load_inputs

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from optsc.control.approach import Approach
-from optsc.control.arbitration import HAND_ALONE, POLICIES, Goal, GraspPose, Moment
+from optsc.control.arbitration import HAND_ALONE, Goal, GraspPose, Moment
 from optsc.control.fine_tuning import FineTuning
+from optsc.control.policies import POLICIES
 from optsc.operators import Button
 from optsc.selection.intent import IntentSettings
 

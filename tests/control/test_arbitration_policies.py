@@ -4,24 +4,19 @@ import numpy as np
 import pytest
 
 from optsc.control.approach import Approach
-from optsc.control.arbitration import (
-    HAND_ALONE,
+from optsc.control.arbitration import HAND_ALONE, Goal, GraspPose, Moment, Trigger, ramp, towards
+from optsc.control.policies import (
     POLICIES,
     Alternating,
     Automatic,
     Continuous,
-    Goal,
-    GraspPose,
     Hindsight,
     LinearBlending,
     Manual,
-    Moment,
     ProductOfExperts,
-    Trigger,
     VirtualFixture,
     make_policy,
 )
-from optsc.control.arbitration.motions import ramp, towards
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import rotation
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from closed_loop import PLACES, Loop, modes, scene
 
-from optsc.control.arbitration import Automatic, Continuous, Hindsight, LinearBlending, Manual
 from optsc.control.modes import Event, Mode
+from optsc.control.policies import Automatic, Continuous, Hindsight, LinearBlending, Manual
 from optsc.geometry import Pose, rotation
 from optsc.operators import Button, OperatorSample
 from optsc.robot import load_robot

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from closed_loop import DOWN, Loop, assert_limits_hold
 
-from optsc.control.arbitration import Manual
 from optsc.control.modes import Mode
+from optsc.control.policies import Manual
 from optsc.control.touching import Touching
 from optsc.geometry import Pose
 from optsc.geometry.mesh import TriangleMesh

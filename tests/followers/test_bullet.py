@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from optsc.errors import InvalidValue, UnknownName
-from optsc.followers import PyBulletFollower
 from optsc.robot import load_robot
 from optsc.sim import Tabletop, tabletop
+from optsc.sim.follower import PyBulletFollower
 from optsc.sim.settings import PhysicsSettings
 
 
@@ -81,7 +81,7 @@ def test_an_arm_without_a_gripper_takes_any_opening(panda):
 def test_the_same_commands_give_the_same_bytes_in_another_process(panda):
     code = (
         "import hashlib, numpy as np\n"
-        "from optsc.followers import PyBulletFollower\n"
+        "from optsc.sim.follower import PyBulletFollower\n"
         "from optsc.robot import load_robot\n"
         "from optsc.sim import tabletop\n"
         "robot = load_robot('panda')\n"

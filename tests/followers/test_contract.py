@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from optsc.errors import InvalidValue
-from optsc.followers import IdealFollower, PyBulletFollower
+from optsc.errors import Closed, InvalidValue
+from optsc.followers import IdealFollower
 from optsc.robot import load_robot
 from optsc.sim import tabletop
-from optsc.sim.settings import Closed
+from optsc.sim.follower import PyBulletFollower
 
 RATE = 500.0
 TOLERANCE = {"ideal": 1e-12, "bullet": 2e-5}  # [rad]

@@ -5,8 +5,10 @@ from collections.abc import Callable, Mapping
 import pytest
 
 from optsc.geometry import TriangleMesh
-from optsc.grasps import AntipodalSettings, GraspSet, sample_grasps
+from optsc.grasps import GraspSet
 from optsc.robot.gripper import PANDA_HAND
+from optsc.sampling.antipodal import sample_grasps
+from optsc.sampling.settings import AntipodalSettings
 from optsc.sim.objects import OBJECT_NAMES, object_model
 from optsc.sim.objects.solids import cuboid
 

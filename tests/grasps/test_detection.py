@@ -7,14 +7,15 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import PointCloud, Pose, TriangleMesh, rotation
-from optsc.grasps import AntipodalSettings, GraspSet, detect_grasps
-from optsc.grasps.checks import Tally
-from optsc.grasps.detection import cloud_hash
-from optsc.grasps.hidden_side import with_hidden_side
-from optsc.grasps.measured import measured_surface, with_normals
-from optsc.grasps.proposals import cone_cosine, propose_on_points
-from optsc.grasps.surface import mesh_area
+from optsc.grasps import GraspSet
 from optsc.robot.gripper import PANDA_HAND
+from optsc.sampling.checks import Tally
+from optsc.sampling.detection import cloud_hash, detect_grasps
+from optsc.sampling.hidden_side import with_hidden_side
+from optsc.sampling.measured import measured_surface, with_normals
+from optsc.sampling.proposals import cone_cosine, propose_on_points
+from optsc.sampling.settings import AntipodalSettings
+from optsc.sampling.surface import mesh_area
 from optsc.sim.objects import object_model
 
 FEW = replace(AntipodalSettings.for_clouds(12), pool=2, spacing=0.003)

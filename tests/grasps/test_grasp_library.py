@@ -11,16 +11,11 @@ import pytest
 
 from optsc.errors import DamagedFile, InvalidValue, Mismatch, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
-from optsc.grasps import (
-    AntipodalSettings,
-    Candidates,
-    GraspLibrary,
-    GraspSet,
-    build_library,
-    library,
-    storage,
-)
+from optsc.grasps import Candidates, GraspLibrary, GraspSet, storage
 from optsc.robot.gripper import PANDA_HAND
+from optsc.sampling import build_library
+from optsc.sampling import library as sampling_library
+from optsc.sampling.settings import AntipodalSettings
 
 
 def same(a: GraspSet, b: GraspSet) -> bool:
@@ -347,7 +342,7 @@ class TestBuilding:
             names.append(name)
             return replace(built["brick"], object_name=name)
 
-        monkeypatch.setattr(library, "sample_grasps", spy)
+        monkeypatch.setattr(sampling_library, "sample_grasps", spy)
         return names
 
     def test_what_is_built_is_what_sampling_gives(self, built: GraspLibrary, few_grasps: GraspSet) -> None:

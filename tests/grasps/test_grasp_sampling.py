@@ -8,13 +8,15 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
-from optsc.grasps import AntipodalSettings, GraspSet, sample_grasps
-from optsc.grasps.proposals import cone_cosine, propose, within_cone
-from optsc.grasps.quality import grasp_quality, hold_quality
-from optsc.grasps.rays import exits
-from optsc.grasps.spread import pose_distance
-from optsc.grasps.surface import centre_of_mass, sample_surface
+from optsc.grasps import GraspSet
 from optsc.robot.gripper import PANDA_HAND
+from optsc.sampling.antipodal import sample_grasps
+from optsc.sampling.proposals import cone_cosine, propose, within_cone
+from optsc.sampling.quality import grasp_quality, hold_quality
+from optsc.sampling.rays import exits
+from optsc.sampling.settings import AntipodalSettings
+from optsc.sampling.spread import pose_distance
+from optsc.sampling.surface import centre_of_mass, sample_surface
 from optsc.sim.objects import OBJECT_NAMES
 from optsc.sim.objects.solids import hull, revolved
 

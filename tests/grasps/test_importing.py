@@ -8,9 +8,8 @@ import pytest
 
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose, rotation
-from optsc.grasps import import_grasps
-from optsc.grasps.importing import ACRONYM_X_HG
 from optsc.robot.gripper import PANDA_HAND
+from optsc.sampling.importing import ACRONYM_X_HG, import_grasps
 
 HEADER = "x,y,z,qw,qx,qy,qz"
 ROW = "0.01,0.02,0.05,1,0,0,0"

@@ -6,14 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optsc.cache import cache_directory
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import TriangleMesh
-from optsc.grasps import AntipodalSettings, GraspSet, build_library, import_grasps
-from optsc.grasps.keeping import keep_set, origin
+from optsc.grasps import GraspSet
 from optsc.grasps.storage import load_set, path_of, save_set
 from optsc.grasps.stored_surface import load_surface, save_surface, surface_path
-from optsc.robot.cache import cache_directory
 from optsc.robot.gripper import PANDA_HAND
+from optsc.sampling import build_library
+from optsc.sampling.importing import import_grasps
+from optsc.sampling.keeping import keep_set, origin
+from optsc.sampling.settings import AntipodalSettings
 
 
 @pytest.fixture

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from optsc.operators import TYPES, person
-from optsc.operators.aiming import AimParameters
-from optsc.operators.human_motion import HumanParameters
+from optsc.people import person
+from optsc.people.aiming import AimParameters
+from optsc.people.human_motion import HumanParameters
+from optsc.people.people import TYPES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "operators.md").read_text()
 

@@ -5,9 +5,10 @@ import pytest
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
-from optsc.operators import R_WS_DEFAULT, TYPES, Reach, Simulated, operator_type
-from optsc.operators.human_motion import HumanParameters
 from optsc.operators.sample import OperatorView
+from optsc.people.human_motion import HumanParameters
+from optsc.people.people import TYPES, operator_type
+from optsc.people.simulated import R_WS_DEFAULT, Reach, Simulated
 
 START = Pose.from_quaternion([0.0, 1.0, 0.0, 0.0], [0.35, 0.0, 0.45])
 OBJECTS = {

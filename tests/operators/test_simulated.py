@@ -6,10 +6,10 @@ import pytest
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
-from optsc.operators.aiming import Aim, AimParameters
-from optsc.operators.human_motion import BandNoise, HumanParameters, Movement, WanderingNoise, minimum_jerk
 from optsc.operators.sample import OperatorView, fault_of
-from optsc.operators.simulated import R_WS_DEFAULT, Reach, Simulated
+from optsc.people.aiming import Aim, AimParameters
+from optsc.people.human_motion import BandNoise, HumanParameters, Movement, WanderingNoise, minimum_jerk
+from optsc.people.simulated import R_WS_DEFAULT, Reach, Simulated
 
 X_WT_START = Pose.from_quaternion([0.0, 1.0, 0.0, 0.0], [0.35, 0.0, 0.45])
 OBJECTS = {

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optsc.followers import PyBulletFollower
 from optsc.geometry import DepthImage, PinholeCamera, Pose
 from optsc.perception import load_depth_image, occlusion, segments
 from optsc.perception.normals import normals_in_image
@@ -20,6 +19,7 @@ from optsc.sim import Tabletop, object_model
 from optsc.sim import camera as sim_camera
 from optsc.sim.clutter import AREA_RADIUS
 from optsc.sim.depth_noise import DepthNoise
+from optsc.sim.follower import PyBulletFollower
 
 PAGE = (Path(__file__).parents[2] / "docs" / "perception.md").read_text()
 CAMERA = PinholeCamera(320, 240, 310.0, 330.0, 140.3, 128.9)

@@ -7,8 +7,6 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, Pose, rotation
-from optsc.grasps import AntipodalSettings
-from optsc.grasps.clearance import approach_boxes, in_tool_frame, touched
 from optsc.ik.batch import solve_ik
 from optsc.perception import (
     News,
@@ -27,6 +25,8 @@ from optsc.perception import (
 )
 from optsc.perception.overlaps import without_overlaps
 from optsc.robot import load_robot
+from optsc.sampling.clearance import approach_boxes, in_tool_frame, touched
+from optsc.sampling.settings import AntipodalSettings
 from optsc.sim import Tabletop, object_model
 from optsc.sim.camera import DepthCamera
 

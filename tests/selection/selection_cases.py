@@ -80,3 +80,7 @@ def shuffled(candidates, table, order):
         for name in ("X_WG", "X_WP", "q_grasp", "q_pregrasp", "status", "manipulability", "seed")
     }
     return replace(table, candidates=moved, **rows)
+
+
+def no_solutions(X_WT, seeds):
+    raise AssertionError("nothing is solved here")

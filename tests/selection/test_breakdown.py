@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from selection_cases import JOINTS, random_candidates, random_hand, random_table
+from selection_cases import JOINTS, no_solutions, random_candidates, random_hand, random_table
 
 from optsc.selection import Cascade, GraspSelector, Ranking, WeightedSum
 from optsc.selection.costs import OrientationDistance, PositionDistance
@@ -17,7 +17,7 @@ RULES = (
 def ranking(request):
     rng = np.random.default_rng(11)
     candidates = random_candidates(rng, counts=(40, 60))
-    one = GraspSelector(None, request.param, object(), solve=None, refresh_limit=0)
+    one = GraspSelector(None, request.param, object(), solve=no_solutions, refresh_limit=0)
     one.robot = type("Arm", (), {"n": JOINTS})
     one.use(random_table(rng, candidates, reachable=0.4))
     return one.rank(random_hand(rng), np.zeros(JOINTS))

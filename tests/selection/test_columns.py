@@ -11,7 +11,6 @@ from selection_cases import JOINTS, ROBOT, SmoothMeasure, random_candidates, ran
 
 from optsc.control.approach import Approach
 from optsc.control.rollout import can_travel, which_can_travel
-from optsc.control.selecting import GraspSelector
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.grasps import Candidates
@@ -25,6 +24,7 @@ from optsc.selection import (
     Cascade,
     ClearanceLoss,
     GraspClearance,
+    GraspSelector,
     ManipulabilityLoss,
     QualityLoss,
     StraightMotion,

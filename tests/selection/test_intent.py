@@ -7,15 +7,7 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import rotation
-from optsc.selection.intent import (
-    Belief,
-    Goals,
-    HuberCost,
-    IntentSettings,
-    cost_to_go,
-    updated,
-    wasted,
-)
+from optsc.selection.intent import Belief, Goals, HuberCost, IntentSettings, cost_to_go, updated, wasted
 
 SETTINGS = IntentSettings()
 PLAIN = IntentSettings(rationality=1.0, leak=0.0, cap=1.0 - 1e-12)

@@ -1,14 +1,13 @@
 import numpy as np
 import pytest
 
-from optsc.errors import InvalidValue, UnknownName
+from optsc.errors import Closed, InvalidValue, UnknownName
 from optsc.geometry import PinholeCamera, Pose, look_at
 from optsc.robot import load_robot
 from optsc.sim import Tabletop, object_model
 from optsc.sim.bullet_bodies import FLOOR_HEIGHT
 from optsc.sim.camera import DepthCamera, view_of_table
 from optsc.sim.physics import Physics
-from optsc.sim.settings import Closed
 
 SMALL = PinholeCamera.from_field_of_view(320, 240, 0.75)
 SKEWED = PinholeCamera(320, 240, 310.0, 330.0, 140.3, 128.9)

@@ -7,8 +7,10 @@ import pytest
 
 from optsc.errors import InvalidValue, Mismatch
 from optsc.geometry import Pose
-from optsc.grasps import AntipodalSettings, GraspSet, sample_grasps
+from optsc.grasps import GraspSet
 from optsc.robot import PANDA_HAND, urdf
+from optsc.sampling.antipodal import sample_grasps
+from optsc.sampling.settings import AntipodalSettings
 from optsc.sim.grasp_trial import try_grasps
 from optsc.sim.objects import OBJECT_NAMES, object_model
 from optsc.sim.trial_hand import hand_description

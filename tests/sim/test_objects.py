@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import TriangleMesh
-from optsc.grasps.surface import centre_of_mass, is_closed
+from optsc.sampling.surface import centre_of_mass, is_closed
 from optsc.sim.objects import OBJECT_NAMES, ObjectModel, object_model
 from optsc.sim.objects.solids import cuboid, hull, revolved, tube, union
 

@@ -3,14 +3,14 @@ import pinocchio
 import pybullet
 import pytest
 
-from optsc.errors import InvalidValue, UnknownName
+from optsc.errors import Closed, InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.robot import load_robot
 from optsc.sim import OBJECT_NAMES, ObjectModel, Tabletop, object_model, tabletop
 from optsc.sim.bullet_bodies import MARGIN, add_object, add_robot, inertia, shrunk
 from optsc.sim.objects.solids import cuboid
 from optsc.sim.physics import Physics
-from optsc.sim.settings import GRAVITY, Closed, PhysicsSettings
+from optsc.sim.settings import GRAVITY, PhysicsSettings
 
 STILL = [0.0] * 7
 

@@ -4,12 +4,11 @@ import zlib
 import numpy as np
 import pytest
 
-from optsc.errors import InvalidValue, UnknownName
+from optsc.errors import Closed, InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.robot import load_robot
 from optsc.sim import Tabletop, object_model
 from optsc.sim.picture import Renderer, Viewpoint, save_png
-from optsc.sim.settings import Closed
 
 SMALL = {"width": 160, "height": 120, "samples": 1}
 

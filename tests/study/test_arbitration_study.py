@@ -9,8 +9,8 @@ import pytest
 
 from optsc.cli import main
 from optsc.cli.study import BUILT_IN
-from optsc.control.arbitration import POLICIES, Manual
 from optsc.control.modes import Mode
+from optsc.control.policies import POLICIES, Manual
 from optsc.errors import DamagedFile, InvalidValue, Mismatch, UnknownName
 from optsc.study.arbitration import (
     REPORTED,
@@ -170,7 +170,7 @@ def test_a_class_a_function_and_a_policy_are_taken_by_name(own):
     assert [condition.policy.share for condition in found] == [0.5, 0.25, 0.5]
     assert {condition.name for condition in found} == {"mine"}
     assert found[0].key == found[2].key != found[1].key
-    assert policy_condition("optsc.control.arbitration:Manual").policy == Manual()
+    assert policy_condition("optsc.control.policies:Manual").policy == Manual()
     with pytest.raises(InvalidValue, match="each once"):
         policy_conditions([f"{own}:Mine", f"{own}:quarter"])
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from optsc.control.modes import Mode
-from optsc.followers import PyBulletFollower
-from optsc.operators import Reach
+from optsc.demo.demonstration import Demo, load_or_build, plans, run_demo, save, summary, table
+from optsc.demo.episode import PAPER, STRATEGIES, Setting, run_episode
+from optsc.people.simulated import Reach
 from optsc.robot import load_robot
 from optsc.sim import tabletop
-from optsc.study.demo import Demo, load_or_build, plans, run_demo, save, summary, table
-from optsc.study.episode import PAPER, STRATEGIES, Setting, run_episode
+from optsc.sim.follower import PyBulletFollower
 from optsc.study.lifting import LIFT_HEIGHT
 
 
@@ -98,7 +98,7 @@ def test_a_grasp_that_never_came_is_a_result(demo):
 
 def test_from_the_camera_alone_an_object_is_found_grasped_and_lifted(monkeypatch):
     """Nothing that is known of the scene reaches the controller. A low rate and a single strategy save time."""
-    monkeypatch.setattr("optsc.study.demo.STRATEGIES", (PAPER,))
+    monkeypatch.setattr("optsc.demo.demonstration.STRATEGIES", (PAPER,))
     robot = load_robot("panda")
     demo = run_demo(robot, objects=("can",), seed=0, rate=250.0, say=lambda text: None, perception=True)
     episode = demo.episodes["paper", "can"]

@@ -14,7 +14,7 @@ from optsc.errors import DamagedFile, InvalidValue, Mismatch, UnknownName
 from optsc.geometry import Pose, TriangleMesh
 from optsc.grasps import GraspLibrary
 from optsc.ik.batch import solve_ik
-from optsc.operators import TYPES
+from optsc.people.people import TYPES
 from optsc.robot import PANDA_HAND, load_robot
 from optsc.sim import ObjectModel, object_model
 from optsc.study import (

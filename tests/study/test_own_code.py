@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from optsc.control.arbitration import make_policy
+from optsc.control.policies import make_policy
 from optsc.selection import WeightedSum
 from optsc.study.conditions import Condition
 from optsc.study.keys import canonical, key, plain

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from optsc.errors import InvalidValue, Mismatch, UnknownName
-from optsc.study.people import StudyDesign, StudyPlan, differences, participant_means, tidy
-from optsc.study.people.analysis import MEASURES, WORKLOAD
+from optsc.study.participants.analysis import MEASURES, WORKLOAD, differences, participant_means, tidy
+from optsc.study.participants.design import StudyDesign
+from optsc.study.participants.plan import StudyPlan
 
 PLAN = StudyPlan(StudyDesign("x", ("alternating", "manual"), trials=2, practice=1), participants=4)
 

@@ -6,10 +6,12 @@ import pytest
 from optsc.errors import DamagedFile, InvalidValue, OptscError, UnknownName
 from optsc.followers import IdealFollower
 from optsc.geometry import Pose
-from optsc.operators import Mailbox, OperatorSample, OperatorView, Recorded, Simulated
+from optsc.operators import Mailbox, OperatorSample, OperatorView, Recorded
+from optsc.people.simulated import Simulated
 from optsc.robot import load_robot
-from optsc.study.people import LiveHand, PacedFollower, Situation, StudyDesign, device, hand_of
-from optsc.study.people.live import LARGEST_LAG
+from optsc.study.participants.design import StudyDesign
+from optsc.study.participants.hands import Situation, device, hand_of
+from optsc.study.participants.live import LARGEST_LAG, LiveHand, PacedFollower
 from optsc.study.scenes import random_scene
 
 TRIAL = StudyDesign("x", ("manual",), practice=0, trials=1).blocks(1)[0].trials[0]

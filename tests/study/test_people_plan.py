@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
-from optsc.study.people import StudyDesign, StudyPlan
+from optsc.study.participants.design import StudyDesign
+from optsc.study.participants.plan import StudyPlan
 
 DESIGN = StudyDesign("pilot", ("alternating", "manual", "automatic"), trials=2, practice=1, seed=4)
 PLAN = StudyPlan(DESIGN, participants=2, objects=2, level="random")

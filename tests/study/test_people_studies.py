@@ -12,16 +12,9 @@ from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose
 from optsc.operators import OperatorSample
 from optsc.robot import load_robot
-from optsc.study.people import (
-    SCALES,
-    Sitting,
-    StudyDesign,
-    TrialResult,
-    Workload,
-    ask_workload,
-    collect,
-    williams_design,
-)
+from optsc.study.participants.design import StudyDesign, williams_design
+from optsc.study.participants.sitting import Sitting, TrialResult, collect
+from optsc.study.participants.workload import SCALES, Workload, ask_workload
 
 DESIGN = StudyDesign(
     "pilot", ("paper", "manual", "linear blending"), trials=3, practice=1, time_limit=0.05, seed=4

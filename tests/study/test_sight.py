@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 
 from optsc.control.modes import Event, Mode
+from optsc.demo.episode import PAPER, Setting, build_controller
+from optsc.demo.seen import seen_facts, true_names
+from optsc.demo.sight import Sight
 from optsc.followers import IdealFollower
 from optsc.geometry import PinholeCamera, Pose
-from optsc.grasps import AntipodalSettings
-from optsc.operators import Reach, Simulated
-from optsc.operators.simulated import R_WS_DEFAULT
+from optsc.people.simulated import R_WS_DEFAULT, Reach, Simulated
 from optsc.perception import News, ObserverSettings
 from optsc.records import RunInputs
 from optsc.robot import load_robot
+from optsc.sampling.settings import AntipodalSettings
 from optsc.session import replay, run
 from optsc.sim import Tabletop, object_model
-from optsc.study.episode import PAPER, Setting, build_controller
-from optsc.study.seen import seen_facts, true_names
-from optsc.study.sight import Sight
 
 SMALL = PinholeCamera.from_field_of_view(320, 240, 0.75)
 FEW = ObserverSettings(grasps=AntipodalSettings.for_clouds(count=20))

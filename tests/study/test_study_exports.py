@@ -6,10 +6,10 @@ import sys
 import pytest
 
 import optsc.study
-import optsc.study.people
+import optsc.study.participants
 
 
-@pytest.mark.parametrize("package", [optsc.study, optsc.study.people])
+@pytest.mark.parametrize("package", [optsc.study, optsc.study.participants])
 def test_every_public_name_is_there(package):
     assert len(set(package.__all__)) == len(package.__all__)
     for name in package.__all__:
@@ -19,9 +19,9 @@ def test_every_public_name_is_there(package):
 
 
 def test_no_public_name_hides_a_module():
-    for package in (optsc.study, optsc.study.people):
+    for package in (optsc.study, optsc.study.participants):
         modules = {name.rpartition(".")[2] for name in sys.modules if name.startswith(f"{package.__name__}.")}
-        assert modules & set(package.__all__) <= {"people", "sweep"}
+        assert modules & set(package.__all__) <= {"participants", "sweep"}
 
 
 def test_importing_the_room_loads_no_heavy_module():

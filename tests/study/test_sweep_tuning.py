@@ -10,9 +10,7 @@ from optsc.errors import InvalidValue, UnknownName
 from optsc.study.sweep.plan import Cases
 from optsc.study.sweep.results import MEANS, settle
 from optsc.study.sweep.runner import run_jobs
-from optsc.study.sweep.space import (
-    Dimension,
-)
+from optsc.study.sweep.space import Dimension
 from optsc.study.sweep.store import RowStore, read_table
 from optsc.study.sweep.tuning import tune
 

@@ -7,14 +7,7 @@ import pytest
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.viewers import shapes
-from optsc.viewers.figure import (
-    MANIPULABILITY_ONLY,
-    PROPOSED,
-    Curve,
-    Situation,
-    approach_figure,
-    save_figure,
-)
+from optsc.viewers.figure import MANIPULABILITY_ONLY, PROPOSED, Curve, Situation, approach_figure, save_figure
 
 # Corner c of a cube has its upper coordinate along x, y, z where bit 2, 1, 0 of c is set.
 CORNERS = [[x, y, z] for x in (-0.03, 0.03) for y in (-0.03, 0.03) for z in (0.0, 0.1)]

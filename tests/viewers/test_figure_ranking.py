@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from selection_cases import JOINTS, random_candidates, random_hand, random_table
+from selection_cases import JOINTS, no_solutions, random_candidates, random_hand, random_table
 
 from optsc.errors import InvalidValue
 from optsc.selection import Cascade, GraspSelector, Ranking
@@ -15,7 +15,7 @@ def ranking():
     rng = np.random.default_rng(12)
     candidates = random_candidates(rng, counts=(40, 60, 1))
     one = GraspSelector(
-        type("Arm", (), {"n": JOINTS}), Cascade.paper(), object(), solve=None, refresh_limit=0
+        type("Arm", (), {"n": JOINTS}), Cascade.paper(), object(), solve=no_solutions, refresh_limit=0
     )
     one.use(random_table(rng, candidates, reachable=0.5))
     return one.rank(random_hand(rng), np.zeros(JOINTS))

@@ -21,8 +21,8 @@ from pathlib import Path
 
 import casadi
 
+from optsc.cache import cache_directory, write_atomically
 from optsc.errors import InvalidValue
-from optsc.robot.cache import cache_directory, write_atomically
 
 FLAGS = ("-O2", "-fPIC", "-shared", "-fno-math-errno", "-w")
 """Only the platform's base instructions, because machines may share a cache; IEEE arithmetic."""

@@ -1,0 +1,90 @@
+"""How good a sound grasp is: one number out of what it resists, how it lies in the pads and what errors it bears."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.sampling.checks import Sound, Workpiece, dent, lever
+from optsc.sampling.clearance import approach_boxes, in_tool_frame, touched
+from optsc.sampling.contacts import pad_contacts
+from optsc.sampling.proposals import cone_cosine
+from optsc.sampling.settings import AntipodalSettings
+from optsc.sampling.wrenches import best_resistance, resistance
+
+_ROOM = 0.015  # [m] on either side of the object that earns full marks
+_COVERED = 0.5  # share of a pad that earns full marks
+_SPARSE = 4  # perturbed poses are looked at with every fourth point
+_CHUNK = 150_000  # points in tool frames worked on at once
+
+
+def hold_quality(coverage: Array, lever: Array, spare: Array, settings: AntipodalSettings) -> Array:
+    """Return (b c d)^(1/3), in [0, 1], higher is better; each factor is clipped to [0, 1].
+
+    b: share of a pad's area that carries load, coverage / 0.5.
+    c: what gravity leaves of the hold, 1 - lever / (2 max_lever).
+    d: room between an open jaw and the object, (spare / 2) / 15 mm.
+
+    Args:
+        coverage: share of the pad that carries load (...).
+        lever: of gravity about the closing axis (...) [m].
+        spare: opening of the open jaws less the object's width (...) [m].
+        settings: the lever that is still allowed.
+    """
+    factors = [coverage / _COVERED, 1.0 - lever / (2.0 * settings.max_lever), 0.5 * spare / _ROOM]
+    return np.prod(np.clip(factors, 0.0, 1.0), axis=0) ** (1.0 / 3.0)
+
+
+def grasp_quality(resisted: Array, robust: Array, hold: Array) -> Array:
+    """Return (e r h^3)^(1/5), in [0, 1]: the mean of five factors, three of them in `hold_quality`.
+
+    Args:
+        resisted: e, the grasp's `resistance` over the best one, clipped to [0, 1] (...).
+        robust: r, `robustness` (...).
+        hold: h, `hold_quality` (...).
+    """
+    return (np.clip(resisted, 0.0, 1.0) * robust * hold**3) ** 0.2
+
+
+def hold_of(work: Workpiece, sound: Sound) -> Array:
+    """Return `hold_quality` (K,) of sound grasps."""
+    spare = work.gripper.max_opening - sound.contacts.width
+    return hold_quality(sound.contacts.coverage, lever(sound.X_OG, work.centre_of_mass), spare, work.settings)
+
+
+def resisted_share(work: Workpiece, sound: Sound) -> Array:
+    """Return the `resistance` (K,) of sound grasps, as a share of what straight fingers at the middle resist."""
+    settings = work.settings
+    length = 0.5 * float(np.linalg.norm(np.ptp(work.surface.points, axis=0)))
+    points_O = sound.X_OG[:, None].apply(sound.contacts.points) - work.centre_of_mass
+    found = resistance(points_O, sound.contacts.inward, settings.friction, settings.torsion, length)
+    width = min(work.gripper.max_opening, 2.0 * length)
+    return found / best_resistance(width, settings.friction, settings.torsion, length)
+
+
+def robustness(work: Workpiece, X_OG: Pose, rng: np.random.Generator) -> Array:
+    """Return the share (K,) of poses with small errors that would still come in freely and hold.
+
+    Each error is a normal rotation vector and translation in the tool frame. Held means: nothing is touched on
+    the way in, the object fits, both mean normals lie in the friction cone, and half of the coverage that is
+    asked of the grasp itself is there.
+    """
+    settings, count = work.settings, work.settings.perturbations
+    turn = settings.angle_error * rng.normal(size=(len(X_OG), count, 3))
+    shift = settings.position_error * rng.normal(size=(len(X_OG), count, 3))
+    batch = X_OG[:, None] @ Pose.from_rotation_vector(turn, shift)
+    poses = Pose(batch.quaternion.reshape(-1, 4), batch.translation.reshape(-1, 3))
+    step = max(1, _CHUNK * _SPARSE // len(work.surface.points))
+    held = [_still_holds(work, poses[i : i + step]) for i in range(0, len(poses), step)]
+    return np.concatenate([np.zeros(0), *held]).reshape(len(X_OG), count).mean(axis=1)
+
+
+def _still_holds(work: Workpiece, X_OG: Pose) -> np.ndarray:
+    settings, gripper, surface = work.settings, work.gripper, work.surface.every(_SPARSE)
+    points_T = in_tool_frame(X_OG, surface.points)
+    pads = pad_contacts(points_T, surface, X_OG, gripper, settings.friction, dent(settings))
+    holds = (pads.width > 0.0) & (pads.width <= gripper.max_opening)
+    holds &= pads.alignment >= cone_cosine(settings.friction)
+    holds &= pads.coverage >= 0.5 * settings.min_coverage
+    return holds & ~touched(points_T, approach_boxes(gripper, settings.standoff), (0.0, 0.0, 0.0))

@@ -1,0 +1,113 @@
+"""Where the hand comes from in a trial: a simulated person, a recording, or a device behind a function of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from optsc.errors import DamagedFile, InvalidValue, UnknownName
+from optsc.operators import HandRecording, Operator, Recorded
+from optsc.people.people import TYPES
+from optsc.study.conditions import Person
+from optsc.study.loading import load_named
+from optsc.study.participants.design import Trial
+from optsc.study.scenes import Scene
+
+RECORDING, LIVE = "recording", "live"
+
+
+class Situation(NamedTuple):
+    """What a hand is made for.
+
+    Attributes:
+        trial: that it does.
+        scene: in which it does it; `Scene.goal` is the object to be grasped.
+        by_hand: whether the trigger closes the jaws, instead of handing over to the robot.
+    """
+
+    trial: Trial
+    scene: Scene
+    by_hand: bool
+
+
+@dataclass(frozen=True)
+class Hand:
+    """Where hands come from.
+
+    Attributes:
+        kind: for tables: a kind of simulated person, ``recording`` or ``live``.
+        operator: makes a fresh one for a trial.
+    """
+
+    kind: str
+    operator: Callable[[Situation], Operator]
+
+    @property
+    def live(self) -> bool:
+        """Whether there is a person, who needs the clock's pace and answers questions."""
+        return self.kind == LIVE
+
+
+def hand_of(text: str) -> Hand:
+    """Return the hand that ``text`` names.
+
+    * a kind of simulated person, one of `optsc.people.TYPES`: for rehearsals. Its seed is that of the scene, so that
+      the same person with the same tremor meets every condition;
+    * ``FILE.csv``: a recorded hand, the same in every trial, see `optsc.operators.HandRecording.from_csv`;
+    * a folder: of recorded hands, named ``subject_XX_cond_YY_run_ZZ_hand.csv``;
+    * ``FILE.py:FUNCTION`` or ``MODULE:FUNCTION``: whatever ``FUNCTION(situation)`` returns, an `Operator`.
+
+    Raises:
+        UnknownName: it is none of them.
+        DamagedFile: there is no such recording or function, or it cannot be read.
+    """
+    if text in TYPES:
+        return simulated(text)
+    if ":" in text:
+        return Hand(LIVE, _hook(text))
+    path = Path(text)
+    if path.is_dir():
+        return Hand(RECORDING, lambda situation: _played(path / situation.trial.file_name("hand", "csv")))
+    if path.suffix == ".csv":
+        _played(path)
+        return Hand(RECORDING, lambda situation: _played(path))
+    raise UnknownName("operator", text, [*TYPES, "FILE.csv", "FOLDER", "FILE.py:FUNCTION", "MODULE:FUNCTION"])
+
+
+def simulated(kind: str) -> Hand:
+    """Return simulated people of a kind; raise `UnknownName`."""
+    Person(kind)
+
+    def operator(situation: Situation) -> Operator:
+        trial, scene, by_hand = situation
+        return Person(kind, trial.scene_seed).operator(scene.goal, scene.objects, by_hand=by_hand)
+
+    return Hand(kind, operator)
+
+
+def device(operator: Callable[[Situation], Operator]) -> Hand:
+    """Return a person of flesh and blood, whose device ``operator`` makes ready for a trial."""
+    return Hand(LIVE, operator)
+
+
+def _played(path: Path) -> Operator:
+    try:
+        return Recorded(HandRecording.from_csv(path))
+    except OSError as error:
+        raise DamagedFile(path, f"is no recorded hand ({error.strerror or error})") from None
+
+
+def _hook(text: str) -> Callable[[Situation], Operator]:
+    function = load_named(text)
+    if not callable(function):
+        raise InvalidValue(text, function, "a function that returns an operator")
+
+    def operator(situation: Situation) -> Operator:
+        made = function(situation)
+        if not callable(getattr(made, "read", None)):
+            raise InvalidValue(f"what {text} returned", made, "an operator: something with read(view)")
+        return made
+
+    return operator

@@ -1,0 +1,95 @@
+"""A trial with a person: their hand, the policy under test, the scene, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime, timezone
+from functools import partial
+from typing import Any
+
+from optsc.control.arbitration import Arbitration, Trigger
+from optsc.control.policies import make_policy
+from optsc.errors import InvalidValue
+from optsc.followers import Follower
+from optsc.records import Tick
+from optsc.study.arbitration import PolicyCondition, outcome, play
+from optsc.study.participants.design import Trial
+from optsc.study.participants.hands import Hand, Situation
+from optsc.study.participants.live import PacedFollower
+from optsc.study.participants.plan import StudyPlan
+from optsc.study.participants.sitting import RunTrial, TrialResult
+from optsc.study.staging import Stage
+
+
+def trial_runner(
+    plan: StudyPlan,
+    hand: Hand,
+    *,
+    real_time: bool = False,
+    gui: bool = False,
+    on_tick: Callable[[Tick], None] | None = None,
+) -> RunTrial:
+    """Return what carries out the trials of ``plan``, for `optsc.study.participants.Sitting`.
+
+    Measures of a trial are those of the study of arbitration policies (`optsc.study.arbitration.REPORTED`): success is
+    a grasp of the wanted object, and times and ways count up to the moment at which the jaws begin to close. Besides
+    them the row says what it was: the plan, the scene and its goal, and whose hand it was.
+
+    Args:
+        plan: of the study.
+        hand: where the hand comes from.
+        real_time: go at the pace of the clock; always so with a live hand.
+        gui: show PyBullet's window; the plan's follower has to be PyBullet.
+        on_tick: called after every tick, for a live view.
+
+    Raises:
+        InvalidValue: a window without PyBullet.
+    """
+    if gui and plan.follower != "pybullet":
+        raise InvalidValue(
+            "--gui", f"with the follower {plan.follower!r}", "with a plan whose follower is pybullet"
+        )
+    paced = real_time or hand.live
+    return partial(_carry_out, plan, hand, paced, gui, on_tick)
+
+
+def _carry_out(
+    plan: StudyPlan,
+    hand: Hand,
+    paced: bool,
+    gui: bool,
+    on_tick: Callable[[Tick], None] | None,
+    trial: Trial,
+    time_limit: float,
+) -> TrialResult:
+    stage = Stage(plan.scene(trial), plan.settings)
+    policy = make_policy(trial.condition)
+    situation = Situation(trial, stage.scene, policy.trigger is Trigger.GRASPS)
+    labels = _labels(plan, stage, policy, hand)
+    about = {**trial._asdict(), "operator": hand.kind}
+    with stage.follower(gui=gui) as simulated:
+        follower: Follower = PacedFollower(simulated) if paced else simulated
+        operator = hand.operator(situation)
+        ticks = play(stage, policy, operator, follower, duration=time_limit, about=about, on_tick=on_tick)
+        if isinstance(follower, PacedFollower):
+            labels["time_lost_s"] = follower.lost
+    row = outcome(stage, ticks)
+    return TrialResult(ticks, bool(row.pop("success")), {**labels, **row})
+
+
+def _labels(plan: StudyPlan, stage: Stage, policy: Arbitration, hand: Hand) -> dict[str, Any]:
+    facts = {
+        "study": plan.design.name,
+        "plan": plan.key,
+        "policy": PolicyCondition(policy.name, policy).key,
+        "robot": plan.robot,
+        "level": plan.level,
+        "follower": plan.follower,
+        "scene": stage.scene.hash,
+        "goal": stage.scene.goal,
+        "operator": hand.kind,
+    }
+    # Rehearsals repeat to the byte; when a person was there is worth knowing.
+    return (
+        {**facts, "began": datetime.now(timezone.utc).isoformat(timespec="seconds")} if hand.live else facts
+    )
