@@ -1,3 +1,4 @@
+from . import checks as checks
 from . import control as control
 from . import demo as demo
 from . import errors as errors
