@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, isfinite
-from typing import NamedTuple
+from math import hypot
+from typing import Annotated, NamedTuple
 
-from optsc.errors import InvalidValue
+from optsc.checks import Checked, Positive
 from optsc.geometry import scalar
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.shaping import TimeLaw
 
 
 @dataclass(frozen=True)
-class Approach:
+class Approach(Checked):
     """How the robot moves by itself.
 
     Attributes:
@@ -27,21 +27,16 @@ class Approach:
         position_tolerance, angle_tolerance: what counts as arrived [m, rad].
     """
 
-    speed: float = 0.1
-    angular_speed: float = 0.5
-    acceleration: float = 0.5
-    jerk: float = 5.0
-    standoff: float = 0.1
-    lift: float = 0.15
-    carry_time: float = 1.2
-    settle_time: float = 1.0
-    position_tolerance: float = 1e-3
-    angle_tolerance: float = 1e-2
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (isfinite(value) and value > 0):
-                raise InvalidValue(name, value, "positive and finite")
+    speed: Annotated[float, Positive] = 0.1
+    angular_speed: Annotated[float, Positive] = 0.5
+    acceleration: Annotated[float, Positive] = 0.5
+    jerk: Annotated[float, Positive] = 5.0
+    standoff: Annotated[float, Positive] = 0.1
+    lift: Annotated[float, Positive] = 0.15
+    carry_time: Annotated[float, Positive] = 1.2
+    settle_time: Annotated[float, Positive] = 1.0
+    position_tolerance: Annotated[float, Positive] = 1e-3
+    angle_tolerance: Annotated[float, Positive] = 1e-2
 
 
 class PathTarget(NamedTuple):

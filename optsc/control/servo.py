@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from enum import Enum
 from math import exp
 from time import perf_counter
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.checks import Checked, NonNegative, Pair, Positive, Share, require
 from optsc.control.diagnosis import lost_direction, towards
-from optsc.errors import InvalidValue, require_pair
 from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
@@ -91,7 +91,7 @@ class Command(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ServoSettings:
+class ServoSettings(Checked):
     """How a target is followed.
 
     Attributes:
@@ -107,25 +107,14 @@ class ServoSettings:
         ik: weights and gains of the quadratic program.
     """
 
-    bandwidth: float = 55.0
-    lag: float = 0.028
-    led: float = 0.5
-    catching_up: tuple[float, float] = (0.5, 1.5)
-    timeout: float = 0.1
-    far: tuple[float, float] = (0.05, 0.2)
+    bandwidth: Annotated[float, Positive] = 55.0
+    lag: Annotated[float, NonNegative] = 0.028
+    led: Annotated[float, Share] = 0.5
+    catching_up: Annotated[tuple[float, float], Pair] = (0.5, 1.5)
+    timeout: Annotated[float, Positive] = 0.1
+    far: Annotated[tuple[float, float], Pair] = (0.05, 0.2)
     prediction: PredictionSettings = field(default_factory=PredictionSettings)
     ik: IkSettings = field(default_factory=IkSettings)
-
-    def __post_init__(self) -> None:
-        for name in ("bandwidth", "timeout"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidValue(name, value, "positive and finite")
-        if not 0.0 <= self.lag < np.inf:
-            raise InvalidValue("lag", self.lag, "finite and not negative [s]")
-        if not 0.0 <= self.led <= 1.0:
-            raise InvalidValue("led", self.led, "a share, 0 to 1")
-        require_pair("ServoSettings", {"catching_up": self.catching_up, "far": self.far})
 
 
 _PARTS = (ReferenceSettings.LINEAR, ReferenceSettings.ANGULAR)
@@ -171,8 +160,7 @@ class Servo:
         solver: str = "daqp",
         avoid: Avoidance | None = None,
     ) -> None:
-        if not (np.isfinite(rate) and rate > 0):
-            raise InvalidValue("rate", rate, "positive and finite [Hz]")
+        require("rate", rate, Positive)
         self.robot, self.rate, self.period = robot, rate, 1.0 / rate
         self.settings, self.avoid = settings or ServoSettings(), avoid
         self.guard = JointGuard(robot.limits, self.period)

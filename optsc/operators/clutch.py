@@ -12,9 +12,10 @@ SLERP (equation 3); or relative to the point of engagement, the practice elsewhe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, hypot, isfinite, log
-from typing import Literal, NamedTuple
+from math import exp, hypot, log
+from typing import Annotated, Literal, NamedTuple
 
+from optsc.checks import Above, Below, Checked, Each, NonNegative, Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry import scalar
 from optsc.geometry.rotation import checked
@@ -22,7 +23,7 @@ from optsc.geometry.scalar import Quaternion, Vector
 
 
 @dataclass(frozen=True)
-class Slerp:
+class Slerp(Checked):
     """How an orientation mismatch fades.
 
     Attributes:
@@ -34,14 +35,9 @@ class Slerp:
             With a hand at rest both are the same.
     """
 
-    time_constant: float = 0.1
-    largest_rate: float = 1.0
+    time_constant: Annotated[float, Above(0.0)] = 0.1
+    largest_rate: Annotated[float, Above(0.0)] = 1.0
     lagging: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("time_constant", "largest_rate"):
-            if not getattr(self, name) > 0:
-                raise InvalidValue(name, getattr(self, name), "positive")
 
     @classmethod
     def paper(cls, alpha: float, sample_rate: float) -> Slerp:
@@ -49,10 +45,8 @@ class Slerp:
 
         The factor is the share 1 - exp(-T / time_constant) of the way that one sample period T goes.
         """
-        if not 0.0 < alpha < 1.0:
-            raise InvalidValue("alpha", alpha, "between 0 and 1")
-        if not (isfinite(sample_rate) and sample_rate > 0):
-            raise InvalidValue("sample_rate", sample_rate, "positive [Hz]")
+        require("alpha", alpha, Above(0.0), Below(1.0))
+        require("sample_rate", sample_rate, Positive)
         return cls(-1.0 / (sample_rate * log(1.0 - alpha)), float("inf"), lagging=True)
 
     def remaining(self, mismatch: Quaternion, elapsed: float) -> Quaternion:
@@ -67,7 +61,7 @@ class Slerp:
 
 
 @dataclass(frozen=True)
-class ClutchSettings:
+class ClutchSettings(Checked):
     """How a hand's motion maps to the tool's.
 
     Attributes:
@@ -84,27 +78,19 @@ class ClutchSettings:
     """
 
     R_WS: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    scale: float = 1.0
-    rotation_scale: float = 1.0
+    scale: Annotated[float, Positive] = 1.0
+    rotation_scale: Annotated[float, Positive] = 1.0
     orientation: Literal["absolute", "relative"] = "absolute"
     slerp: Slerp = Slerp()
-    fade: float = 0.5
-    largest_step: tuple[float, float] = (0.1, 0.6)
+    fade: Annotated[float, NonNegative] = 0.5
+    largest_step: Annotated[tuple[float, float], Each(Above(0.0))] = (0.1, 0.6)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "R_WS", tuple(checked(self.R_WS, "R_WS").tolist()))
-        for name in ("scale", "rotation_scale"):
-            value = getattr(self, name)
-            if not (isfinite(value) and value > 0):
-                raise InvalidValue(name, value, "positive and finite")
-        if self.orientation not in ("absolute", "relative"):
-            raise InvalidValue("orientation", self.orientation, "absolute or relative")
-        if not 0.0 <= self.fade < float("inf"):
-            raise InvalidValue("fade", self.fade, "finite and not negative [s]")
-        if len(self.largest_step) != 2 or not all(step > 0 for step in self.largest_step):
-            raise InvalidValue("largest_step", self.largest_step, "two positive numbers [m, rad]")
+        super().__post_init__()
+        object.__setattr__(self, "R_WS", tuple(checked(self.R_WS, "ClutchSettings.R_WS").tolist()))
         if self.orientation == "absolute" and self.rotation_scale != 1.0:
-            raise InvalidValue("rotation_scale", self.rotation_scale, "1 where the orientation is absolute")
+            valid = "1 where the orientation is absolute"
+            raise InvalidValue("ClutchSettings.rotation_scale", self.rotation_scale, valid)
 
 
 class ClutchState(NamedTuple):

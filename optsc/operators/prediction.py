@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp, hypot
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from optsc.errors import InvalidValue
+from optsc.checks import Above, AtLeast, Checked, Each, Positive
 from optsc.geometry import scalar
 from optsc.geometry.scalar import Quaternion, Vector
 
@@ -22,7 +22,7 @@ FADING = 0.05
 
 
 @dataclass(frozen=True)
-class PredictionSettings:
+class PredictionSettings(Checked):
     """How long samples count, and how far beyond the last of them a motion is carried on.
 
     Attributes:
@@ -33,19 +33,10 @@ class PredictionSettings:
             like that, so its speed says nothing.
     """
 
-    memory: float = 0.035
-    horizon: float = 0.06
-    longest_gap: float = 0.2
-    largest_step: tuple[float, float] = (0.1, 0.6)
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.memory < float("inf"):
-            raise InvalidValue("memory", self.memory, "positive and finite [s]")
-        for name in ("horizon", "longest_gap"):
-            if not getattr(self, name) >= 0.0:
-                raise InvalidValue(name, getattr(self, name), "not negative [s]")
-        if len(self.largest_step) != 2 or not all(step > 0 for step in self.largest_step):
-            raise InvalidValue("largest_step", self.largest_step, "two positive numbers [m, rad]")
+    memory: Annotated[float, Positive] = 0.035
+    horizon: Annotated[float, AtLeast(0.0)] = 0.06
+    longest_gap: Annotated[float, AtLeast(0.0)] = 0.2
+    largest_step: Annotated[tuple[float, float], Each(Above(0.0))] = (0.1, 0.6)
 
     def gains(self, elapsed: float) -> tuple[float, float, float]:
         """Return the shares of a surprise after ``elapsed`` [s] that go to pose, velocity and acceleration."""

@@ -8,17 +8,17 @@ same filter with a slope of zero. Rotations go the same share of the way by SLER
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, inf, isfinite, pi
-from typing import NamedTuple
+from math import hypot, pi
+from typing import Annotated, NamedTuple
 
-from optsc.errors import InvalidValue
+from optsc.checks import Checked, NonNegative, Positive, require
 from optsc.geometry import scalar
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.operators.clutch import Hand
 
 
 @dataclass(frozen=True)
-class Smoothing:
+class Smoothing(Checked):
     """How strongly a hand is smoothed.
 
     Attributes:
@@ -28,24 +28,15 @@ class Smoothing:
         speed_cutoff: cut-off frequency of the speed estimate itself [Hz].
     """
 
-    cutoff: float = 1.0
-    slope: float = 20.0
-    rotation_slope: float = 5.0
-    speed_cutoff: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in ("cutoff", "speed_cutoff"):
-            if not (isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InvalidValue(name, getattr(self, name), "positive and finite [Hz]")
-        for name in ("slope", "rotation_slope"):
-            if not 0.0 <= getattr(self, name) < inf:
-                raise InvalidValue(name, getattr(self, name), "finite and not negative")
+    cutoff: Annotated[float, Positive] = 1.0
+    slope: Annotated[float, NonNegative] = 20.0
+    rotation_slope: Annotated[float, NonNegative] = 5.0
+    speed_cutoff: Annotated[float, Positive] = 1.0
 
     @classmethod
     def low_pass(cls, time_constant: float) -> Smoothing:
         """Return a first-order low-pass of ``time_constant`` [s], the same at every speed."""
-        if not (isfinite(time_constant) and time_constant > 0):
-            raise InvalidValue("time_constant", time_constant, "positive and finite [s]")
+        require("time_constant", time_constant, Positive)
         return cls(cutoff=1.0 / (2.0 * pi * time_constant), slope=0.0, rotation_slope=0.0)
 
 

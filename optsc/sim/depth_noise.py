@@ -8,16 +8,18 @@ triangulation has it, since z = f b / d makes an error of the disparity d one of
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from optsc.checks import Above, AtMost, Checked, NonNegative, Share
 from optsc.errors import InvalidValue
 from optsc.geometry import PinholeCamera
 from optsc.geometry.rotation import Array
 
 
 @dataclass(frozen=True)
-class DepthNoise:
+class DepthNoise(Checked):
     """Errors of a depth sensor; the defaults are those of a structured-light camera (Nguyen et al. 2012).
 
     Attributes:
@@ -33,27 +35,19 @@ class DepthNoise:
         nearest, farthest: no depth is measured outside [m].
     """
 
-    floor: float = 1.2e-3
-    growth: float = 1.9e-3
-    best: float = 0.4
-    slant: float = 1e-4
-    steepest: float = 1.40
-    edge_loss: float = 0.8
-    speckle: float = 0.002
-    quantum: float = 1e-3
-    nearest: float = 0.25
-    farthest: float = 4.0
+    floor: Annotated[float, NonNegative] = 1.2e-3
+    growth: Annotated[float, NonNegative] = 1.9e-3
+    best: Annotated[float, NonNegative] = 0.4
+    slant: Annotated[float, NonNegative] = 1e-4
+    steepest: Annotated[float, Above(0.0), AtMost(0.5 * np.pi)] = 1.40
+    edge_loss: Annotated[float, Share] = 0.8
+    speckle: Annotated[float, Share] = 0.002
+    quantum: Annotated[float, NonNegative] = 1e-3
+    nearest: Annotated[float, NonNegative] = 0.25
+    farthest: Annotated[float, Above(0.0)] = 4.0
 
     def __post_init__(self) -> None:
-        for field in ("floor", "growth", "best", "slant", "quantum", "nearest"):
-            value = getattr(self, field)
-            if not 0.0 <= value < float("inf"):
-                raise InvalidValue(f"DepthNoise.{field}", value, "finite, at least 0")
-        for field in ("edge_loss", "speckle"):
-            if not 0.0 <= getattr(self, field) <= 1.0:
-                raise InvalidValue(f"DepthNoise.{field}", getattr(self, field), "0 to 1")
-        if not 0.0 < self.steepest <= 0.5 * np.pi:
-            raise InvalidValue("DepthNoise.steepest", self.steepest, "more than 0, at most pi / 2 [rad]")
+        super().__post_init__()
         if not self.farthest > self.nearest:
             raise InvalidValue("DepthNoise.farthest", self.farthest, f"more than nearest, {self.nearest} m")
 

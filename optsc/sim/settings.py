@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Annotated
 
-from optsc.errors import InvalidValue, require_positive
+from optsc.checks import Above, AtLeast, AtMost, Checked, Positive
 from optsc.followers.protocol import JAW_SPEED
 
 GRAVITY = 9.81
@@ -15,7 +16,7 @@ LONGEST_STEP = 1.0 / 480.0
 
 
 @dataclass(frozen=True)
-class PhysicsSettings:
+class PhysicsSettings(Checked):
     """Settings of the simulation; the defaults are the measured ones with which grasps hold.
 
     Attributes:
@@ -32,17 +33,10 @@ class PhysicsSettings:
             hard pads are an axle, and almost every object turns out of its grasp.
     """
 
-    time_step: float = 1e-3
-    solver_iterations: int = 150
-    position_gain: float = 0.3
-    jaw_force: float = 40.0
-    jaw_speed: float = JAW_SPEED
-    finger_friction: float = 1.0
-    pad_torsion: float = 0.005
-
-    def __post_init__(self) -> None:
-        require_positive("PhysicsSettings", {field.name: getattr(self, field.name) for field in fields(self)})
-        if self.time_step > LONGEST_STEP:
-            raise InvalidValue("PhysicsSettings.time_step", self.time_step, f"at most {LONGEST_STEP:.6f} s")
-        if self.position_gain > 1.0:
-            raise InvalidValue("PhysicsSettings.position_gain", self.position_gain, "in (0, 1]")
+    time_step: Annotated[float, Positive, AtMost(LONGEST_STEP)] = 1e-3
+    solver_iterations: Annotated[int, AtLeast(1)] = 150
+    position_gain: Annotated[float, Above(0.0), AtMost(1.0)] = 0.3
+    jaw_force: Annotated[float, Positive] = 40.0
+    jaw_speed: Annotated[float, Positive] = JAW_SPEED
+    finger_friction: Annotated[float, Positive] = 1.0
+    pad_torsion: Annotated[float, Positive] = 0.005
