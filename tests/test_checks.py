@@ -228,6 +228,19 @@ def test_fields_without_a_rule_are_left_alone():
     assert Base(free="anything").free == "anything"
 
 
+def test_a_field_that_is_worked_out_is_not_checked():
+    @dataclass
+    class Derived(Checked):
+        rate: Annotated[float, Positive] = 1.0
+        period: Annotated[float, Positive] = field(init=False)
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            self.period = 1.0 / self.rate
+
+    assert Derived(2.0).period == 0.5
+
+
 def test_a_dataclass_that_may_change_is_checked_when_it_is_made():
     @dataclass
     class Loose(Checked):

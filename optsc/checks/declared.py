@@ -62,9 +62,11 @@ def _declared(cls: type) -> tuple[_Declaration, ...]:
 
 @cache
 def _hints(cls: type) -> dict[str, Any]:
-    """Return the types of a dataclass's fields; those whose names are only known to a type checker are left out."""
+    """Return the types of the fields that are given; those that only a type checker can resolve are left out."""
     hints: dict[str, Any] = {}
     for field in fields(cls):
+        if not field.init:
+            continue
         owner = next(base for base in cls.__mro__ if field.name in get_annotations(base))
         one: Any = SimpleNamespace(__annotations__={field.name: field.type})
         try:
