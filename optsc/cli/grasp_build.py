@@ -110,8 +110,7 @@ def _on_meshes(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_output import report
     from optsc.cli.grasp_surfaces import surface_from_file
     from optsc.cli.progress import counted_progress
-    from optsc.grasps.storage import path_of
-    from optsc.grasps.stored_surface import save_surface
+    from optsc.grasps.storage import path_of, save_surface
     from optsc.robot import gripper
     from optsc.sampling import build_library
     from optsc.sampling.settings import AntipodalSettings
@@ -146,8 +145,7 @@ def _on_image(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_output import report
     from optsc.cli.grasp_views import Wanted, arm_in, objects_in, templates_of
     from optsc.grasps import GraspLibrary
-    from optsc.grasps.storage import path_of
-    from optsc.grasps.stored_surface import save_surface
+    from optsc.grasps.storage import path_of, save_surface
     from optsc.perception import load_depth_image
     from optsc.robot import gripper
     from optsc.sampling.keeping import check_keeping, keep_set

@@ -12,7 +12,7 @@ import numpy as np
 from optsc.errors import UnknownName
 from optsc.geometry import PointCloud
 from optsc.grasps import GraspLibrary, GraspSet
-from optsc.grasps.stored_surface import load_surface, surface_hash
+from optsc.grasps.storage import load_surface, surface_hash
 
 _POINTS = 4000  # of a drawn surface
 

@@ -10,7 +10,7 @@ import numpy as np
 from optsc.errors import InvalidValue, Mismatch
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.grasps import GraspSet
-from optsc.grasps.stored_surface import load_surface, surface_hash
+from optsc.grasps.storage import load_surface, surface_hash
 from optsc.sim import OBJECT_NAMES, ObjectModel, object_model
 
 LEANING = 0.2

@@ -117,7 +117,7 @@ def _validate(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_output import chosen, report
     from optsc.cli.grasp_trials import check_options, tried
     from optsc.grasps import GraspLibrary
-    from optsc.grasps.stored_surface import load_surface, save_surface
+    from optsc.grasps.storage import load_surface, save_surface
     from optsc.sampling.keeping import keep_set
     from optsc.sim.validation import usable_cores
 
@@ -141,7 +141,7 @@ def _import(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_import import imported
     from optsc.cli.grasp_output import report
     from optsc.grasps import GraspLibrary
-    from optsc.grasps.stored_surface import save_surface
+    from optsc.grasps.storage import save_surface
     from optsc.sampling.keeping import keep_set
 
     grasps, mesh = imported(options)

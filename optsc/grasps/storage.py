@@ -1,4 +1,6 @@
-"""One file per object: a NumPy archive (.npz) of the arrays, a JSON text that describes them, a checksum.
+"""Files of grasps: per object one NumPy archive with a checksum, and a copy of the surface beside it.
+
+``NAME.grasps.npz`` holds:
 
 ==================  =====================================================================
 entry               content
@@ -13,38 +15,36 @@ checksum            SHA-256 of all the entries above
 ==================  =====================================================================
 
 Format 1 knew no trials; its files are read as sets that were never tried.
+
+``NAME.surface.npz`` holds ``vertices`` (V, 3) [m] and ``faces`` (F, 3) in the same frame O, so that the grasps can be
+tried and drawn anywhere. Which surface belongs to a set is said by the set: its ``object_hash``, or ``surface_hash`` in
+its provenance where it was made from a view. A copy that is left over from other grasps is so recognised.
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import re
-import struct
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from optsc.cache import write_atomically
+from optsc.cache import archive, arrays_of, write_atomically
 from optsc.errors import DamagedFile, InvalidValue
-from optsc.geometry import Pose
+from optsc.geometry import Pose, TriangleMesh
 from optsc.grasps.grasp_set import GraspSet
 
 FORMAT = 2
 """Version of the file format; a file with a greater one is refused."""
 
 SUFFIX = ".grasps.npz"
+SURFACE_SUFFIX = ".surface.npz"
 
 _ARRAYS = ("quaternion", "translation", "opening", "quality")
 _TRIALS = ("tried", "held")
 _FIELDS = {"object_name": str, "object_hash": str, "gripper": str, "jaw_symmetric": bool, "provenance": dict}
-# What zipfile and numpy raise for bytes that are no such archive, found by flipping every byte of a file.
-BAD_ARCHIVE = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError, OSError)
-_BAD_ARRAY = (ValueError, TypeError, AttributeError)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
@@ -68,7 +68,7 @@ def save_set(grasps: GraspSet, directory: str | Path) -> Path:
         **{field: getattr(grasps, field) for field in _FIELDS if field != "provenance"},
         "provenance": dict(grasps.provenance),
     }
-    entries = {
+    entries: dict[str, np.ndarray] = {
         "quaternion": grasps.X_OG.quaternion,
         "translation": grasps.X_OG.translation,
         "opening": grasps.opening,
@@ -77,10 +77,8 @@ def save_set(grasps: GraspSet, directory: str | Path) -> Path:
     }
     if grasps.tried is not None and grasps.held is not None:
         entries |= {"tried": grasps.tried, "held": grasps.held}
-    buffer = io.BytesIO()
-    np.savez(buffer, **entries, checksum=_checksum(entries))  # type: ignore[arg-type]
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, buffer.getvalue())
+    write_atomically(path, archive({**entries, "checksum": _checksum(entries)}))
     return path
 
 
@@ -124,19 +122,12 @@ def load_set(path: str | Path) -> GraspSet:
 
 def _read(path: str | Path) -> Mapping[str, np.ndarray]:
     """Return the entries of an intact file."""
-    try:
-        # Read as a whole first: an error of the file system then says what it is.
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise DamagedFile(path, f"cannot be read ({error.strerror})") from None
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            trials = [name for name in _TRIALS if name in archive.files]
-            entries = {name: archive[name] for name in (*_ARRAYS, *trials, "description", "checksum")}
-    except KeyError as error:
-        raise DamagedFile(path, f"is no grasp file ({error.args[0]})") from None
-    except (*BAD_ARCHIVE, *_BAD_ARRAY) as error:
-        raise DamagedFile(path, f"is damaged or no grasp file ({error})") from None
+    found = _stored_arrays(path, "grasp file")
+    names = (*_ARRAYS, *(name for name in _TRIALS if name in found), "description", "checksum")
+    for name in names:
+        if name not in found:
+            raise DamagedFile(path, f"is no grasp file (without {name})")
+    entries = {name: found[name] for name in names}
     if not np.array_equal(entries.pop("checksum"), _checksum(entries)):
         raise DamagedFile(path, "its content does not agree with its checksum")
     return entries
@@ -149,3 +140,49 @@ def _checksum(entries: Mapping[str, np.ndarray]) -> np.ndarray:
         digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
         digest.update(array.tobytes())
     return np.frombuffer(digest.digest(), dtype=np.uint8)
+
+
+def _stored_arrays(path: str | Path, kind: str) -> dict[str, np.ndarray]:
+    """Return the arrays of an archive; raise `DamagedFile` where it cannot be read."""
+    try:
+        return arrays_of(Path(path).read_bytes())
+    except OSError as error:
+        raise DamagedFile(path, f"cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise DamagedFile(path, f"is damaged or no {kind} ({error})") from None
+
+
+def surface_path(directory: str | Path, object_name: str) -> Path:
+    """Return the file for the surface of an object; raise `InvalidValue` for a name no file should have."""
+    return path_of(directory, object_name).with_name(f"{object_name}{SURFACE_SUFFIX}")
+
+
+def surface_hash(grasps: GraspSet) -> str | None:
+    """Return the hash of the surface that a set is of; None where it is not known."""
+    named = grasps.provenance.get("surface_hash")
+    return named if isinstance(named, str) else grasps.object_hash if grasps.made_on_mesh else None
+
+
+def save_surface(name: str, mesh: TriangleMesh, directory: str | Path) -> Path:
+    """Write the surface of an object beside its grasps and return the file's path; same surface, same bytes."""
+    path = surface_path(directory, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, archive({"vertices": mesh.vertices, "faces": mesh.faces}))
+    return path
+
+
+def load_surface(grasps: GraspSet, directory: str | Path) -> TriangleMesh | None:
+    """Return the surface that is stored for a set; None where there is none, or one of something else.
+
+    Raises:
+        DamagedFile: the file is no surface.
+    """
+    path = surface_path(directory, grasps.object_name)
+    if not path.exists():
+        return None
+    found = _stored_arrays(path, "surface")
+    try:
+        mesh = TriangleMesh(found["vertices"], found["faces"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise DamagedFile(path, f"is no surface ({error})") from None
+    return mesh if mesh.hash == surface_hash(grasps) else None

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from optsc.cache import Arrays, computed_once, content_key
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
 from optsc.perception.field import DistanceField, distance_field
 from optsc.perception.resting import CONTINUOUS, resting_poses, vertical_symmetry
-from optsc.perception.stored import Arrays, computed_once, content_key
 
 LARGEST, SMALLEST = 2.0, 0.005
 """A template's longest edge has to lie between these [m]; beyond them its unit is suspected."""
@@ -24,6 +24,7 @@ _UNREADABLE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OSEr
 
 _LEAST_VOLUME = 1e-9  # [m^3], a cubic millimetre
 
+_CACHE = "templates"
 _VERSION = 1
 """Rises with every change that makes another template of the same mesh: what was kept is then computed anew."""
 _COMPUTED = frozenset(
@@ -99,7 +100,7 @@ def template_from_mesh(
 
     if keep:
         key = content_key(_VERSION, mesh.vertices, mesh.faces, count, symmetry_tolerance, seed)
-        arrays = computed_once(key, _COMPUTED, compute)
+        arrays = computed_once(_CACHE, key, _COMPUTED, compute)
     else:
         arrays = compute()
     for array in arrays.values():

@@ -10,8 +10,7 @@ from optsc.cache import cache_directory
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import TriangleMesh
 from optsc.grasps import GraspSet
-from optsc.grasps.storage import load_set, path_of, save_set
-from optsc.grasps.stored_surface import load_surface, save_surface, surface_path
+from optsc.grasps.storage import load_set, load_surface, path_of, save_set, save_surface, surface_path
 from optsc.robot.gripper import PANDA_HAND
 from optsc.sampling import build_library
 from optsc.sampling.importing import import_grasps

@@ -5,7 +5,6 @@ import pytest
 
 from optsc.perception import template_from_mesh
 from optsc.perception import templates as module
-from optsc.perception.stored import computed_once, content_key
 from optsc.sim.objects.solids import cuboid
 
 BOX = cuboid([-0.02, -0.03, 0.0], [0.02, 0.03, 0.10])
@@ -67,27 +66,10 @@ def test_a_damaged_file_is_replaced(folder, computations, damage):
     assert [p.read_bytes() for p in folder.iterdir()] == [content]
 
 
-def test_a_file_with_other_arrays_is_not_taken(folder):
-    key, names = content_key("a"), frozenset(["a"])
-    computed_once(key, frozenset(["b"]), lambda: {"b": np.zeros(1)})
-    found = computed_once(key, names, lambda: {"a": np.ones(1)})
-    assert set(found) == {"a"}
-    assert len(list(folder.iterdir())) == 1
-
-
 def test_where_nothing_can_be_kept_it_is_computed_and_said(folder, monkeypatch):
     def refuse(path, content):
         raise OSError("no space")
 
-    monkeypatch.setattr("optsc.perception.stored.write_atomically", refuse)
+    monkeypatch.setattr("optsc.cache.write_atomically", refuse)
     with pytest.warns(UserWarning, match="no space"):
         assert len(kept().points) == 60
-
-
-def test_the_key_does_not_depend_on_the_layout_of_an_array():
-    a = np.arange(6.0).reshape(2, 3)
-    assert content_key(a) == content_key(np.asfortranarray(a)) == content_key(a.astype(">f8"))
-    assert (
-        len({content_key(a), content_key(a.T), content_key(a.astype(int)), content_key(a, 1), content_key(1)})
-        == 5
-    )

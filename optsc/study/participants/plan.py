@@ -9,13 +9,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from optsc.cache import write_atomically
 from optsc.control.policies import make_policy
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.robot import ROBOT_NAMES
 from optsc.sim import OBJECT_NAMES
 from optsc.study.keys import key
 from optsc.study.participants.design import StudyDesign, Trial
-from optsc.study.participants.sitting import Sitting, write_at_once
+from optsc.study.participants.sitting import Sitting
 from optsc.study.scenes import LEVELS, Scene, random_scene
 from optsc.study.staging import Settings
 
@@ -96,7 +97,7 @@ class StudyPlan:
         if path.exists():
             self._check_replaces(StudyPlan.load(directory))
         directory.mkdir(parents=True, exist_ok=True)
-        write_at_once(path, _text(self._content()))
+        write_atomically(path, _text(self._content()))
         return path
 
     @classmethod

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from optsc.cache import write_atomically
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.records import Run
 from optsc.study.participants.design import Block, StudyDesign, Trial
@@ -104,7 +104,7 @@ class Sitting:
         result = run_trial(trial, self.design.time_limit)
         result.run.save(self.directory / trial.file_name("run", "npz"))
         row = {**trial._asdict(), "success": result.success, **result.measures}
-        write_at_once(self._path(trial), strict_json(row))
+        write_atomically(self._path(trial), strict_json(row))
         return result
 
     def rate(self, condition: str, answers: Workload, *, replace: bool = False) -> Path:
@@ -112,7 +112,7 @@ class Sitting:
         path = self.check_rating(condition, replace=replace)
         names = ",".join((*answers._fields, "raw"))
         values = ",".join(f"{value:g}" for value in (*answers, answers.raw))
-        write_at_once(path, f"{names}\n{values}\n")
+        write_atomically(path, f"{names}\n{values}\n")
         return path
 
     def check_rating(self, condition: str, *, replace: bool = False) -> Path:
@@ -192,13 +192,6 @@ def read_workload(path: Path) -> Workload:
         raise DamagedFile(
             path, f"holds no answers on the six scales ({error}); rate it again, with --replace"
         ) from None
-
-
-def write_at_once(path: Path, text: str) -> None:
-    """Write a file so that it is there whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
 
 
 def _read_measures(path: Path) -> dict[str, Any]:
