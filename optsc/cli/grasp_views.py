@@ -27,9 +27,8 @@ from optsc.perception import (
     template_from_file,
     view_is_clear,
 )
-from optsc.perception.learning import Look, Shape, grasps_of, shape_of
-from optsc.perception.overlaps import without_overlaps
-from optsc.perception.scene import Recognised
+from optsc.perception.known_objects import Look, Shape, grasps_of, shape_of
+from optsc.perception.scene_registration import Recognised, without_overlaps
 from optsc.perception.symmetry import nearest_equivalent
 from optsc.perception.table import find_table
 from optsc.robot import Gripper, load_robot

@@ -2,13 +2,12 @@
 
 from optsc.perception.accuracy import add_s, surface_distance, surface_tail
 from optsc.perception.completion import completed
-from optsc.perception.memory import Explanation, KnownObject, News, SceneEvent, SceneMemory
+from optsc.perception.depth_files import load_depth_image, save_depth_image
 from optsc.perception.observer import ObserverSettings, SceneObserver
 from optsc.perception.occlusion import Occlusion, robot_depth, robot_mask, view_is_clear
-from optsc.perception.presence import Presence
-from optsc.perception.recorded import load_depth_image, save_depth_image
 from optsc.perception.registration import Alternative, Registration, RegistrationSettings, register
-from optsc.perception.scene import Recognised, register_scene
+from optsc.perception.scene_registration import Recognised, register_scene
+from optsc.perception.scene_state import Explanation, KnownObject, News, SceneEvent, SceneMemory
 from optsc.perception.search import SearchSettings
 from optsc.perception.segmentation import Dropped, Segmentation, SegmentationSettings, segment, segmented
 from optsc.perception.segments import Segment, joined_segments, segment_from_pixels, split_at_creases
@@ -19,6 +18,7 @@ from optsc.perception.templates import (
     template_from_file,
     template_from_mesh,
 )
+from optsc.perception.tracking import Presence
 
 __all__ = [
     "Alternative",

@@ -10,7 +10,7 @@ import numpy as np
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PointCloud, Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
-from optsc.perception.freespace import free_space
+from optsc.perception.scoring import free_space
 from optsc.perception.templates import Template
 
 SPACING = 0.0025

@@ -19,18 +19,16 @@ from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, Pose, rotation
-from optsc.perception.holding import Hand, hand, with_grips
-from optsc.perception.learning import Look, Shape, grasps_of, known_object, shape_of
-from optsc.perception.memory import KnownObject, News, SceneEvent, SceneMemory
+from optsc.perception.known_objects import Look, Shape, grasps_of, known_object, shape_of
 from optsc.perception.occlusion import robot_depth, robot_mask, view_is_clear
-from optsc.perception.overlaps import without_overlaps
-from optsc.perception.presence import Presence, presence, share_shown
 from optsc.perception.registration import Registration, RegistrationSettings, register
-from optsc.perception.scene import Recognised, register_scene
+from optsc.perception.scene_registration import Recognised, register_scene, without_overlaps
+from optsc.perception.scene_state import KnownObject, News, SceneEvent, SceneMemory
 from optsc.perception.segmentation import SegmentationSettings, segmented
 from optsc.perception.segments import Segment
 from optsc.perception.symmetry import nearest_equivalent
 from optsc.perception.templates import Template
+from optsc.perception.tracking import Hand, Presence, hand, presence, share_shown, with_grips
 from optsc.robot import RobotModel
 from optsc.sampling.settings import AntipodalSettings
 

@@ -11,10 +11,9 @@ import numpy as np
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, Pose
 from optsc.geometry.rotation import Array
-from optsc.perception.freespace import free_space
-from optsc.perception.guesses import Guesses
+from optsc.perception.pose_hypotheses import Guesses, feature_starts
 from optsc.perception.refinement import covariance
-from optsc.perception.scoring import shape_distance
+from optsc.perception.scoring import free_space, shape_distance, visible_fraction
 from optsc.perception.search import (
     Candidates,
     SearchSettings,
@@ -23,9 +22,8 @@ from optsc.perception.search import (
     free_candidates,
     resting_candidates,
 )
-from optsc.perception.segmentation import Segment
+from optsc.perception.segments import Segment
 from optsc.perception.templates import Template
-from optsc.perception.visibility import visible_fraction
 
 
 @dataclass(frozen=True)
@@ -179,8 +177,6 @@ def _too_few(points: Array, settings: RegistrationSettings) -> str:
 def _feature_starts(
     templates: Sequence[Template], points: Array, settings: RegistrationSettings, seed: int
 ) -> dict[str, Guesses]:
-    from optsc.perception.features import feature_starts
-
     return {t.name: feature_starts(t, points, settings.search.voxel, seed) for t in templates}
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
-from optsc.perception.field import DistanceField
+from optsc.perception.distance_field import DistanceField
 
 CONTINUOUS = 0
 """The order of symmetry of what looks the same at every angle."""

@@ -1,4 +1,4 @@
-"""How well guesses of a pose explain a view, in both directions."""
+"""Scores of pose hypotheses: whether the seen points lie on the template, and whether the template is in free space."""
 
 from __future__ import annotations
 
@@ -6,10 +6,78 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optsc.errors import InvalidValue
+from optsc.geometry import DepthImage
 from optsc.geometry.rotation import Array
-from optsc.perception.freespace import FreeSpace
-from optsc.perception.guesses import Guesses
+from optsc.perception.pose_hypotheses import Guesses
 from optsc.perception.templates import Template
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpace:
+    """A depth image prepared for asking about many points.
+
+    Attributes:
+        image: what was measured.
+        front: (H, W) the nearest surface around each pixel [m]; NaN where the pixel was not measured.
+        tolerance: how far a point has to be in front of what was measured to be seen through [m].
+    """
+
+    image: DepthImage
+    front: Array
+    tolerance: float
+
+    def judge(self, points: Array) -> tuple[np.ndarray, np.ndarray]:
+        """Return for points (..., 3) in W [m] whether each was seen through and whether it was seen, both (...) bool.
+
+        Seen through: the camera measured something behind it, all around its pixel. Seen: it measured about its
+        depth. Neither: something is in front, nothing was measured, or it is outside the image.
+        """
+        camera, X_WC = self.image.camera, self.image.X_WC
+        local = (points - X_WC.translation) @ X_WC.rotation_matrix()
+        z = local[..., 2]
+        inverse = 1.0 / np.maximum(z, 1e-6)
+        u = np.rint(np.clip(camera.cx + camera.fx * local[..., 0] * inverse, -1.0, camera.width)).astype(
+            np.int32
+        )
+        v = np.rint(np.clip(camera.cy + camera.fy * local[..., 1] * inverse, -1.0, camera.height)).astype(
+            np.int32
+        )
+        inside = (z > 1e-6) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+        pixel = np.where(inside, v * camera.width + u, 0)
+        with np.errstate(invalid="ignore"):
+            through = inside & (self.front.ravel()[pixel] > z + self.tolerance)
+            seen = inside & (np.abs(self.image.depth.ravel()[pixel] - z) <= self.tolerance)
+        return through, seen
+
+
+def free_space(
+    image: DepthImage, robot_depth: Array | None = None, *, tolerance: float = 0.008, radius: int = 2
+) -> FreeSpace:
+    """Return what ``image`` says about free space.
+
+    Args:
+        image: what was measured.
+        robot_depth: (H, W) depth of the arm's own surface [m], infinite where it is not; it hides what is behind it
+            even where the camera measured nothing.
+        tolerance: see `FreeSpace`.
+        radius: half the side of the neighbourhood that has to be behind a point, in pixels: it forgives small errors
+            of the pose at the edges of an object.
+
+    Raises:
+        InvalidValue: a robot_depth of another size than the image.
+    """
+    from scipy.ndimage import minimum_filter
+
+    nearest = np.where(np.isnan(image.depth), np.inf, image.depth)
+    if robot_depth is not None:
+        if robot_depth.shape != nearest.shape:
+            raise InvalidValue("robot_depth", robot_depth.shape, f"shape {nearest.shape}, that of the image")
+        nearest = np.fmin(nearest, robot_depth)
+    unknown = ~np.isfinite(nearest)
+    front = minimum_filter(nearest, size=2 * radius + 1, mode="nearest")
+    front[unknown] = np.nan
+    return FreeSpace(image, front, float(tolerance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,3 +156,42 @@ def shape_distance(guesses: Guesses, other: Guesses, template: Template, count: 
     back, _ = template.field.lookup((guesses.to_world(points) - other.t[0]) @ other.R[0])
     worst = max(count // 20, 1)
     return np.maximum(*(np.sort(np.abs(d), axis=1)[:, -worst:].mean(axis=1) for d in (out, back)))
+
+
+_FACING = 0.1  # cosine; what is seen at a more grazing angle is seen or not by chance
+
+
+def self_visible(template: Template, guess: Guesses, space: FreeSpace) -> np.ndarray:
+    """Return which of the template's points (N,) bool the camera would see if nothing else were there.
+
+    Those that face it and have no other point of the template in front, in an image whose pixels are as large as the
+    points are apart.
+    """
+    camera, X_WC = space.image.camera, space.image.X_WC
+    local = X_WC.inverse().apply(guess.to_world(template.points)[0])
+    normals = template.normals @ guess.R[0].T @ X_WC.rotation_matrix()
+    z = local[:, 2]
+    facing = -(normals * local).sum(axis=1) > _FACING * np.linalg.norm(local, axis=1)
+    if not (z > 1e-6).all():
+        return np.zeros(len(z), dtype=bool)
+    pixel = 1.5 * template.spacing * camera.fx / float(np.median(z))
+    u, v, _ = camera.project(local)
+    column, row = (np.floor((a - a.min()) / pixel).astype(int) + 1 for a in (u, v))
+    nearest = np.full((row.max() + 2, column.max() + 2), np.inf)
+    np.minimum.at(nearest, (row[facing], column[facing]), z[facing])
+    return np.asarray(facing & (z <= nearest[row, column] + 1.5 * space.tolerance))
+
+
+def visible_fraction(template: Template, guess: Guesses, space: FreeSpace) -> float:
+    """Return the share of what the camera would see of the template alone that it did see, 0 to 1."""
+    shown = self_visible(template, guess, space)
+    _, seen = space.judge(guess.to_world(template.points)[0])
+    total = _weights(template, guess, space)[shown].sum()
+    return float(_weights(template, guess, space)[shown & seen].sum() / total) if total > 0.0 else 0.0
+
+
+def _weights(template: Template, guess: Guesses, space: FreeSpace) -> Array:
+    """Return the area that each point stands for in the image, but for a factor (N,)."""
+    towards = space.image.X_WC.translation - guess.to_world(template.points)[0]
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    return np.clip(((template.normals @ guess.R[0].T) * towards).sum(axis=1), 0.0, None)

@@ -10,12 +10,9 @@ import numpy as np
 
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.perception.alignment import FREE, PLANAR, aligned
-from optsc.perception.freespace import FreeSpace
-from optsc.perception.guesses import Guesses
-from optsc.perception.refinement import METHODS, Method, refined
-from optsc.perception.scoring import Fit, closeness, fit, shape_distance
-from optsc.perception.starts import free_starts, resting_starts
+from optsc.perception.pose_hypotheses import Guesses, free_starts, resting_starts
+from optsc.perception.refinement import FREE, METHODS, PLANAR, Method, aligned, refined
+from optsc.perception.scoring import Fit, FreeSpace, closeness, fit, shape_distance
 from optsc.perception.templates import Template
 
 _NEARBY_TURN = np.array([0.06, 0.06, 0.2])  # [rad], standard deviations about the axes of W

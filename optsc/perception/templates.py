@@ -13,7 +13,7 @@ from optsc.cache import Arrays, computed_once, content_key
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
-from optsc.perception.field import DistanceField, distance_field
+from optsc.perception.distance_field import DistanceField, distance_field
 from optsc.perception.resting import CONTINUOUS, resting_poses, vertical_symmetry
 
 LARGEST, SMALLEST = 2.0, 0.005

@@ -9,10 +9,9 @@ import pytest
 
 from optsc.geometry import DepthImage, PinholeCamera, Pose
 from optsc.perception import load_depth_image, occlusion, segments
-from optsc.perception.normals import normals_in_image
-from optsc.perception.png import write_png16
-from optsc.perception.recorded import FARTHEST, NEAREST
+from optsc.perception.depth_files import FARTHEST, NEAREST, write_png16
 from optsc.perception.segmentation import SegmentationSettings
+from optsc.perception.segments import normals_in_image
 from optsc.perception.table import LARGEST_TILT
 from optsc.robot import load_robot
 from optsc.sim import Tabletop, object_model

@@ -23,7 +23,7 @@ from optsc.perception import (
     segment_from_pixels,
     view_is_clear,
 )
-from optsc.perception.overlaps import without_overlaps
+from optsc.perception.scene_registration import without_overlaps
 from optsc.robot import load_robot
 from optsc.sampling.clearance import approach_boxes, in_tool_frame, touched
 from optsc.sampling.settings import AntipodalSettings

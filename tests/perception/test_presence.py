@@ -8,9 +8,9 @@ import pytest
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, PointCloud, Pose
 from optsc.perception import Explanation, KnownObject, Presence, Segment, catalogue_template
-from optsc.perception.presence import presence, presence_at, share_shown
 from optsc.perception.segments import segment_from_pixels
 from optsc.perception.symmetry import nearest_equivalent, symmetries
+from optsc.perception.tracking import presence, presence_at, share_shown
 
 CAMERA = PinholeCamera.from_field_of_view(80, 60, 0.8)
 NOWHERE = np.full((60, 80), np.inf)

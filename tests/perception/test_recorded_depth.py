@@ -8,7 +8,7 @@ import pytest
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, look_at
 from optsc.perception import load_depth_image, save_depth_image
-from optsc.perception.png import read_png16, write_png16
+from optsc.perception.depth_files import read_png16, write_png16
 
 RNG = np.random.default_rng(0)
 VALUES = RNG.integers(0, 65536, (7, 5), dtype=np.uint16)

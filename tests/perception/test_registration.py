@@ -21,9 +21,8 @@ from optsc.perception import (
     surface_tail,
     template_from_mesh,
 )
-from optsc.perception.freespace import free_space
-from optsc.perception.guesses import Guesses
-from optsc.perception.scoring import fit, shape_distance
+from optsc.perception.pose_hypotheses import Guesses
+from optsc.perception.scoring import fit, free_space, shape_distance
 from optsc.sim.objects.solids import cuboid, revolved
 
 NAMES = ("box", "can", "mug")
@@ -320,7 +319,7 @@ def open3d_works():
 
 @pytest.mark.skipif(not open3d_works(), reason="open3d cannot be imported")
 def test_features_find_an_object_in_the_air(templates):
-    from optsc.perception.features import feature_starts
+    from optsc.perception.pose_hypotheses import feature_starts
 
     box = by_name(templates, "box")
     X_WO = Pose.from_rotation_vector([0.5, 0.3, 0.2], [0.0, 0.0, 0.15])

@@ -16,10 +16,9 @@ from optsc.perception import (
     surface_distance,
     surface_tail,
 )
-from optsc.perception.alignment import normal_equations
-from optsc.perception.freespace import free_space
-from optsc.perception.guesses import Guesses
-from optsc.perception.scoring import fit
+from optsc.perception.pose_hypotheses import Guesses
+from optsc.perception.refinement import normal_equations
+from optsc.perception.scoring import fit, free_space
 
 PAGE = (Path(__file__).parents[2] / "docs" / "perception.md").read_text()
 

@@ -13,7 +13,7 @@ from optsc.perception import (
     template_from_file,
     template_from_mesh,
 )
-from optsc.perception.field import distance_field
+from optsc.perception.distance_field import distance_field
 from optsc.sim.objects.solids import cuboid, revolved
 
 

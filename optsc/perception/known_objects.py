@@ -11,8 +11,8 @@ from optsc.geometry import DepthImage, PointCloud, Pose, TriangleMesh
 from optsc.geometry.rotation import Array
 from optsc.grasps import GraspSet
 from optsc.perception.completion import COMMON, completed
-from optsc.perception.memory import Explanation, KnownObject
 from optsc.perception.registration import Registration
+from optsc.perception.scene_state import Explanation, KnownObject
 from optsc.perception.segments import Segment
 from optsc.perception.templates import Template
 from optsc.robot import Gripper
