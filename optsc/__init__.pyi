@@ -18,6 +18,7 @@ from . import session as session
 from . import shaping as shaping
 from . import sim as sim
 from . import study as study
+from . import testing as testing
 from . import viewers as viewers
 from .control.approach import Approach as Approach
 from .control.controller import SharedController as SharedController

@@ -23,6 +23,7 @@ LEVELS = (
     ("records",),
     ("metrics",),
     ("session",),
+    ("testing",),
     ("sim", "people", "sampling"),
     ("perception",),
     ("viewers",),

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from closed_loop import PLACES, Loop, modes, scene
 
 from optsc.control.modes import Event, Mode
 from optsc.control.policies import Automatic, Continuous, Hindsight, LinearBlending, Manual
@@ -10,6 +9,7 @@ from optsc.geometry import Pose, rotation
 from optsc.operators import Button, OperatorSample
 from optsc.robot import load_robot
 from optsc.selection.intent import IntentSettings
+from optsc.testing.loop import PLACES, Loop, modes, scene
 
 
 @pytest.fixture(scope="module")

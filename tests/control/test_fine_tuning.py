@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from closed_loop import DOWN, PERIOD, Loop, assert_limits_hold, modes, scene
 
 import optsc
 from optsc.control.approach import Approach, PathTarget
@@ -13,6 +12,7 @@ from optsc.geometry import Pose, rotation
 from optsc.operators import Button, ClutchSettings, OperatorSample
 from optsc.operators.clutch import Hand
 from optsc.robot import load_robot
+from optsc.testing.loop import DOWN, PERIOD, Loop, assert_limits_hold, modes, scene
 
 PLACE = {"thing": (0.45, 0.1, 0.25)}
 SETTINGS = FineTuning()

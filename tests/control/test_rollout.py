@@ -4,12 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from closed_loop import Loop, scene
 
 from optsc.control.approach import Approach
 from optsc.control.rollout import Outlook, best_way, outlook, whole_way
 from optsc.geometry import Pose
 from optsc.robot import load_robot
+from optsc.testing.loop import Loop, scene
 
 DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 SEVERAL = scene({"thing": (0.5, 0.0, 0.15)})

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from closed_loop import DOWN, Loop, assert_limits_hold
 
 from optsc.control.modes import Mode
 from optsc.control.policies import Manual
@@ -14,6 +13,7 @@ from optsc.geometry.mesh import TriangleMesh
 from optsc.grasps import Candidates
 from optsc.ik import Avoidance
 from optsc.robot import load_robot
+from optsc.testing.loop import DOWN, Loop, assert_limits_hold
 
 
 class Recorder:
