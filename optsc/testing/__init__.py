@@ -9,8 +9,8 @@ import sys
 import lazy_loader
 
 # pytest explains a failed assert only in modules that are registered before they are imported.
-if "pytest" in sys.modules:
-    sys.modules["pytest"].register_assert_rewrite(
+if pytest := sys.modules.get("pytest"):
+    pytest.register_assert_rewrite(
         *(
             f"{__name__}.{module}"
             for module in ("contract", "costs", "followers", "loop", "operators", "policies")

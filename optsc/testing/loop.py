@@ -80,7 +80,7 @@ class StraightOperator:
             turn = rotation.log(
                 rotation.multiply(self.goal.quaternion, rotation.conjugate(view.X_WT.quaternion))
             )
-            distance, angle = np.linalg.norm(shift), np.linalg.norm(turn)
+            distance, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
             step = min(view.time - self.seen, 0.05)
             v, w = shift * min(0.12 / (distance + 1e-9), 2.0), turn * min(0.4 / (angle + 1e-9), 2.0)
             self.hand = Pose(

@@ -16,8 +16,8 @@ from optsc.followers import IdealFollower
 from optsc.geometry import Pose, rotation
 from optsc.grasps import Candidates
 from optsc.operators import Button, OperatorSample
-from optsc.records import Run, load_inputs
-from optsc.robot import RobotModel, load_robot
+from optsc.records import load_inputs
+from optsc.robot import load_robot
 from optsc.testing.contract import Contract
 from optsc.testing.loop import (
     PERIOD,
@@ -72,7 +72,9 @@ class ArbitrationContract(Contract):
         policy, another = self.make_policy(), self.make_policy()
         answers = [policy.blend(moment(seed)) for seed in MOMENTS]
         for answer in answers:
-            assert (np.shape(answer.hand), np.shape(answer.robot)) == ((6, 6), (6,)), f"wrong shapes: {answer}"
+            assert (np.shape(answer.hand), np.shape(answer.robot)) == ((6, 6), (6,)), (
+                f"wrong shapes: {answer}"
+            )
             assert np.all(np.isfinite([*np.ravel(answer.hand), *answer.robot])), f"not finite: {answer}"
             assert 0.0 <= answer.share <= 1.0, f"share {answer.share} is not in 0 to 1"
         for seed in reversed(MOMENTS):
@@ -108,7 +110,9 @@ class ArbitrationContract(Contract):
         if not self.make_policy().assists:
             return
         given = [step.assistance for step in self.led().steps if step.assistance is not None]
-        robot, hand, both = (np.array([getattr(one, f) for one in given]) for f in ("robot", "hand", "carried_out"))
+        robot, hand, both = (
+            np.array([getattr(one, f) for one in given]) for f in ("robot", "hand", "carried_out")
+        )
         for part, speed in ((slice(0, 3), Approach().speed), (slice(3, 6), Approach().angular_speed)):
             size, wish, sum_ = (np.linalg.norm(twist[:, part], axis=1) for twist in (robot, hand, both))
             assert size.max() <= speed + 1e-12
@@ -159,7 +163,13 @@ class ArbitrationContract(Contract):
     def test_the_same_run_again_and_its_replay_from_a_file_are_the_same_bit_for_bit(self) -> None:
         robot = load_robot("panda")
         operator = StraightOperator(np.array(PLACES["middle"]) + [0, 0, 0.1])
-        run = self.run(robot, operator, scene(), 1.2)
+        run = session.run(
+            controller(robot, self.make_policy()),
+            operator=operator,
+            follower=IdealFollower(robot),
+            candidates=scene(),
+            duration=1.2,
+        )
         assert Mode.MANUAL in run.modes
         with TemporaryDirectory() as folder:
             run.save(Path(folder) / "run.npz")
@@ -187,27 +197,25 @@ class ArbitrationContract(Contract):
         # Intended is the object that home points at, so that the robot alone can know it too.
         places = {"left": (0.36, 0.12, 0.4), "right": (0.4, -0.25, 0.3)}
         operator = StraightOperator(np.array(places["left"]) + [0, 0, 0.1 * hands_over], self.near)
-        settings = {"grasp_within": (0.04, 0.6), "approach": Approach(lift=0.02, carry_time=0.1)}
-        run = self.run(robot, operator, scene(places), 12.0, rate=250.0, **settings)
+        run = session.run(
+            controller(
+                robot,
+                self.make_policy(),
+                grasp_within=(0.04, 0.6),
+                approach=Approach(lift=0.02, carry_time=0.1),
+            ),
+            operator=operator,
+            follower=IdealFollower(robot),
+            candidates=scene(places),
+            duration=12.0,
+            rate=250.0,
+        )
         assert modes(run.ticks)[-3:] == ["close", "lift", "carry"], f"modes were {modes(run.ticks)}"
         target = next(tick.step.target for tick in run if tick.mode is Mode.CLOSE)
         assert target is not None
         assert target.object_name == "left"
         assert (Mode.APPROACH in run.modes) is hands_over
         assert_limits_hold(robot, [tick.step for tick in run], 1 / 250.0)
-
-    def run(
-        self,
-        robot: RobotModel,
-        operator: StraightOperator,
-        candidates: Candidates,
-        duration: float,
-        rate: float = 500.0,
-        **settings: Any,
-    ) -> Run:
-        """Run the policy with an operator and an ideal arm."""
-        loop = controller(robot, self.make_policy(), **settings), operator, IdealFollower(robot)
-        return session.run(*loop, candidates=candidates, duration=duration, rate=rate)
 
 
 def moment(seed: int, sign: float = 1.0) -> Moment:
@@ -220,7 +228,9 @@ def moment(seed: int, sign: float = 1.0) -> Moment:
         return GraspPose((x, y, z), (w, i, j, k), candidate)
 
     tool, probability = grasp(-1), rng.dirichlet(np.ones(1 + seed % 3)) if seed % 4 else np.zeros(0)
-    goals = tuple(Goal(f"object {i}", p, grasp(2 * i), grasp(2 * i + 1)) for i, p in enumerate(probability.tolist()))
+    goals = tuple(
+        Goal(f"object {i}", p, grasp(2 * i), grasp(2 * i + 1)) for i, p in enumerate(probability.tolist())
+    )
     first, second, *_ = sorted([*probability.tolist(), 0.0, 0.0], reverse=True)
     hand = rng.uniform(-0.2, 0.2, 6) * (seed % 5 > 0)
     return Moment(tool.p, tool.q, hand, goals, first - second, HAND_ALONE, PERIOD, Approach())

@@ -6,7 +6,7 @@ import pytest
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
-from optsc.operators.sample import OperatorView, fault_of
+from optsc.operators.sample import OperatorView
 from optsc.people.aiming import Aim, AimParameters
 from optsc.people.human_motion import BandNoise, HumanParameters, Movement, WanderingNoise, minimum_jerk
 from optsc.people.simulated import R_WS_DEFAULT, Reach, Simulated
@@ -98,15 +98,6 @@ def test_who_is_asked_late_hands_in_the_newest_sample_only():
     operator.read(view)
     assert operator.read(view._replace(time=0.2555)).stamp == pytest.approx(22 / 90)
     assert operator.read(view._replace(time=0.2556)).stamp == pytest.approx(23 / 90)
-
-
-def test_every_sample_passes_the_border_check():
-    operator, previous = Simulated(seed=1), None
-    for tick in range(400):
-        sample = operator.read(OperatorView(tick / 100, X_WT_START, False, False, OBJECTS))
-        if sample is not None:
-            assert fault_of(sample, previous) is None
-            previous = sample.stamp
 
 
 def test_the_hand_starts_as_the_tool_is_turned_but_for_a_natural_misalignment():
