@@ -148,7 +148,7 @@ def _on_image(options: argparse.Namespace) -> int:
     from optsc.grasps.storage import path_of, save_surface
     from optsc.perception import load_depth_image
     from optsc.robot import gripper
-    from optsc.sampling.keeping import check_keeping, keep_set
+    from optsc.sampling.library import check_keeping, keep_set
     from optsc.sampling.settings import AntipodalSettings
 
     image = load_depth_image(options.image)

@@ -118,7 +118,7 @@ def _validate(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_trials import check_options, tried
     from optsc.grasps import GraspLibrary
     from optsc.grasps.storage import load_surface, save_surface
-    from optsc.sampling.keeping import keep_set
+    from optsc.sampling.library import keep_set
     from optsc.sim.validation import usable_cores
 
     library = chosen(GraspLibrary.load(options.directory), options.objects)
@@ -142,7 +142,7 @@ def _import(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_output import report
     from optsc.grasps import GraspLibrary
     from optsc.grasps.storage import save_surface
-    from optsc.sampling.keeping import keep_set
+    from optsc.sampling.library import keep_set
 
     grasps, mesh = imported(options)
     keep_set(grasps, options.output, replace=options.replace)

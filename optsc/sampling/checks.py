@@ -11,8 +11,16 @@ import numpy as np
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.robot.gripper import Gripper
-from optsc.sampling.clearance import approach_boxes, closing_boxes, in_tool_frame, lowest_point, touched
-from optsc.sampling.contacts import DENT, PadContacts, pad_contacts
+from optsc.sampling.contacts import (
+    DENT,
+    PadContacts,
+    approach_boxes,
+    closing_boxes,
+    in_tool_frame,
+    lowest_point,
+    pad_contacts,
+    touched,
+)
 from optsc.sampling.settings import AntipodalSettings
 from optsc.sampling.surface import Surface
 

@@ -1,6 +1,4 @@
-"""Grasps of the six objects, sampled once for all tests, and a small box."""
-
-from collections.abc import Callable, Mapping
+"""A small box and a few grasps of it."""
 
 import pytest
 
@@ -9,33 +7,7 @@ from optsc.grasps import GraspSet
 from optsc.robot.gripper import PANDA_HAND
 from optsc.sampling.antipodal import sample_grasps
 from optsc.sampling.settings import AntipodalSettings
-from optsc.sim.objects import OBJECT_NAMES, object_model
 from optsc.sim.objects.solids import cuboid
-
-FEW = AntipodalSettings(count=12, pool=2, spacing=0.003)
-
-
-@pytest.fixture(scope="session")
-def grasps_of() -> Callable[[str], GraspSet]:
-    """Grasps of an object by name, with the settings that users get."""
-    sets: dict[str, GraspSet] = {}
-
-    def get(name: str) -> GraspSet:
-        if name not in sets:
-            sets[name] = sample_grasps(object_model(name).mesh, PANDA_HAND, name=name, seed=0)
-        return sets[name]
-
-    return get
-
-
-@pytest.fixture(scope="session")
-def meshes() -> Mapping[str, TriangleMesh]:
-    return {name: object_model(name).mesh for name in OBJECT_NAMES}
-
-
-@pytest.fixture(scope="session")
-def few() -> AntipodalSettings:
-    return FEW
 
 
 @pytest.fixture(scope="session")
@@ -45,5 +17,6 @@ def brick() -> TriangleMesh:
 
 
 @pytest.fixture(scope="session")
-def few_grasps(brick: TriangleMesh, few: AntipodalSettings) -> GraspSet:
+def few_grasps(brick: TriangleMesh) -> GraspSet:
+    few = AntipodalSettings(count=12, pool=2, spacing=0.003)
     return sample_grasps(brick, PANDA_HAND, name="brick", seed=1, settings=few)

@@ -1,4 +1,4 @@
-"""Storing grasps, noticing damage, placing them in the world and building only what is missing."""
+"""Sets of grasps: stored with their surface, damage noticed, placed in the world."""
 
 import json
 import os
@@ -12,10 +12,8 @@ import pytest
 from optsc.errors import DamagedFile, InvalidValue, Mismatch, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.grasps import Candidates, GraspLibrary, GraspSet, storage
+from optsc.grasps.storage import load_surface, save_surface, surface_path
 from optsc.robot.gripper import PANDA_HAND
-from optsc.sampling import build_library
-from optsc.sampling import library as sampling_library
-from optsc.sampling.settings import AntipodalSettings
 
 
 def same(a: GraspSet, b: GraspSet) -> bool:
@@ -328,88 +326,29 @@ class TestLibrary:
             one.with_set(self.other(few_grasps, gripper="two_fingers"))
 
 
-class TestBuilding:
-    @pytest.fixture
-    def built(self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings) -> GraspLibrary:
-        return build_library({"brick": brick}, PANDA_HAND, seed=1, directory=tmp_path, settings=few)
-
-    @pytest.fixture
-    def sampled(self, built: GraspLibrary, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-        """Names of the objects that are sampled after the library was built once."""
-        names: list[str] = []
-
-        def spy(*_: object, name: str, **__: object) -> GraspSet:
-            names.append(name)
-            return replace(built["brick"], object_name=name)
-
-        monkeypatch.setattr(sampling_library, "sample_grasps", spy)
-        return names
-
-    def test_what_is_built_is_what_sampling_gives(self, built: GraspLibrary, few_grasps: GraspSet) -> None:
-        assert same(built["brick"], few_grasps)
-
-    def test_a_stored_set_is_taken_when_everything_agrees(
-        self,
-        tmp_path: Path,
-        brick: TriangleMesh,
-        few: AntipodalSettings,
-        built: GraspLibrary,
-        sampled: list[str],
+class TestSurfaces:
+    def test_a_surface_comes_back_with_the_grasps_that_are_of_it(
+        self, tmp_path: Path, brick: TriangleMesh, few_grasps: GraspSet
     ) -> None:
-        calls: list[tuple[str, int, int]] = []
-        again = build_library(
-            {"brick": brick},
-            PANDA_HAND,
-            seed=1,
-            directory=tmp_path,
-            settings=few,
-            progress=lambda *a: calls.append(a),
-        )
-        assert sampled == []
-        assert same(again["brick"], built["brick"])
-        assert calls == [("brick", 1, 1)]
+        assert load_surface(few_grasps, tmp_path) is None
+        save_surface("brick", brick, tmp_path)
+        found = load_surface(few_grasps, tmp_path)
+        assert found is not None
+        assert found.hash == brick.hash
 
-    @pytest.mark.parametrize(
-        "what", ["seed", "settings", "mesh", "gripper name", "gripper shape", "damage", "name"]
-    )
-    def test_anything_that_differs_makes_it_sample_anew_if_it_may(
-        self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, sampled: list[str], what: str
+    def test_a_surface_that_other_grasps_left_behind_is_not_used(
+        self, tmp_path: Path, brick: TriangleMesh, few_grasps: GraspSet
     ) -> None:
-        hand, mesh, seed, name = PANDA_HAND, brick, 1, "brick"
-        if what == "seed":
-            seed = 2
-        elif what == "settings":
-            few = replace(few, clearance=0.004)
-        elif what == "mesh":
-            mesh = TriangleMesh(brick.vertices * 1.01, brick.faces)
-        elif what == "gripper name":
-            hand = replace(PANDA_HAND, name="two_fingers")
-        elif what == "gripper shape":
-            hand = replace(PANDA_HAND, body=PANDA_HAND.body * 1.01)
-        elif what == "damage":
-            (tmp_path / "brick.grasps.npz").write_bytes(b"nonsense")
-        else:
-            name = "stone"
-        build_library({name: mesh}, hand, seed=seed, directory=tmp_path, settings=few, replace=True)
-        assert sampled == [name]
-        assert (tmp_path / f"{name}.grasps.npz").exists()
+        imported = replace(few_grasps, object_hash="imported:1")
+        save_surface("brick", TriangleMesh(brick.vertices * 1.1, brick.faces), tmp_path)
+        assert load_surface(few_grasps, tmp_path) is None
+        assert load_surface(imported, tmp_path) is None
 
-    def test_a_file_from_a_later_version_is_not_overwritten(
-        self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, sampled: list[str]
-    ) -> None:
-        path = tmp_path / "brick.grasps.npz"
-        rewrite(path, lambda entries: set_description(entries, format=storage.FORMAT + 1))
-        before = path.read_bytes()
-        with pytest.raises(InvalidValue, match="later version"):
-            build_library({"brick": brick}, PANDA_HAND, seed=1, directory=tmp_path, settings=few)
-        assert path.read_bytes() == before
-
-    def test_without_a_directory_nothing_is_stored(
-        self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.chdir(tmp_path)
-        build_library({"brick": brick}, PANDA_HAND, seed=1, settings=few)
-        assert list(tmp_path.iterdir()) == []
+    def test_what_is_no_surface_is_damaged(self, tmp_path: Path, few_grasps: GraspSet) -> None:
+        for content in (b"nonsense", b""):
+            surface_path(tmp_path, "brick").write_bytes(content)
+            with pytest.raises(DamagedFile, match="no surface"):
+                load_surface(few_grasps, tmp_path)
 
 
 def test_selected_candidates_are_these_rows_in_this_order() -> None:

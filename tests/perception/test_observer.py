@@ -25,7 +25,7 @@ from optsc.perception import (
 )
 from optsc.perception.scene_registration import without_overlaps
 from optsc.robot import load_robot
-from optsc.sampling.clearance import approach_boxes, in_tool_frame, touched
+from optsc.sampling.contacts import approach_boxes, in_tool_frame, touched
 from optsc.sampling.settings import AntipodalSettings
 from optsc.sim import Tabletop, object_model
 from optsc.sim.camera import DepthCamera

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optsc.geometry import rotation
-from optsc.sampling.wrenches import EDGES, best_resistance, contact_wrenches, largest_ball, resistance
+from optsc.sampling.quality import EDGES, best_resistance, contact_wrenches, largest_ball, resistance
 
 FRICTION, TORSION, LENGTH = 0.5, 0.005, 0.05
 POINTS = np.array([[[0.0, -0.03, 0.0], [0.0, 0.03, 0.0]]])

@@ -1,4 +1,4 @@
-"""Stored grasps are not lost without a word, and their surface is kept beside them."""
+"""Libraries of sampled grasps: only what is missing is sampled, and stored grasps are never lost unsaid."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from optsc.cache import cache_directory
-from optsc.errors import DamagedFile, InvalidValue
+from optsc.errors import InvalidValue
 from optsc.geometry import TriangleMesh
-from optsc.grasps import GraspSet
-from optsc.grasps.storage import load_set, load_surface, path_of, save_set, save_surface, surface_path
+from optsc.grasps import GraspLibrary, GraspSet, storage
+from optsc.grasps.storage import load_set, path_of, save_set
 from optsc.robot.gripper import PANDA_HAND
 from optsc.sampling import build_library
+from optsc.sampling import library as sampling_library
 from optsc.sampling.importing import import_grasps
-from optsc.sampling.keeping import keep_set, origin
+from optsc.sampling.library import keep_set, origin
 from optsc.sampling.settings import AntipodalSettings
 
 
@@ -23,6 +24,12 @@ def imported(tmp_path: Path) -> GraspSet:
     table = tmp_path / "poses.csv"
     table.write_text("x,y,z,qw,qx,qy,qz\n0,0,0.1,0,1,0,0\n")
     return import_grasps(table, PANDA_HAND, name="brick")
+
+
+def same(a: GraspSet, b: GraspSet) -> bool:
+    arrays = [(s.X_OG.quaternion, s.X_OG.translation, s.opening, s.quality) for s in (a, b)]
+    facts = [(s.object_name, s.object_hash, s.gripper, s.jaw_symmetric, dict(s.provenance)) for s in (a, b)]
+    return all(x.tobytes() == y.tobytes() for x, y in zip(*arrays, strict=True)) and facts[0] == facts[1]
 
 
 def outcome(grasps: GraspSet) -> GraspSet:
@@ -122,25 +129,93 @@ class TestKeeping:
         assert "imported" in origin(load_set(path_of(tmp_path, "brick")))
 
 
-class TestSurfaces:
-    def test_a_surface_comes_back_with_the_grasps_that_are_of_it(
-        self, tmp_path: Path, brick: TriangleMesh, few_grasps: GraspSet
-    ) -> None:
-        assert load_surface(few_grasps, tmp_path) is None
-        save_surface("brick", brick, tmp_path)
-        found = load_surface(few_grasps, tmp_path)
-        assert found is not None
-        assert found.hash == brick.hash
+class TestBuilding:
+    @pytest.fixture
+    def built(self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings) -> GraspLibrary:
+        return build_library({"brick": brick}, PANDA_HAND, seed=1, directory=tmp_path, settings=few)
 
-    def test_a_surface_that_other_grasps_left_behind_is_not_used(
-        self, tmp_path: Path, brick: TriangleMesh, few_grasps: GraspSet, imported: GraspSet
-    ) -> None:
-        save_surface("brick", TriangleMesh(brick.vertices * 1.1, brick.faces), tmp_path)
-        assert load_surface(few_grasps, tmp_path) is None
-        assert load_surface(imported, tmp_path) is None
+    @pytest.fixture
+    def sampled(self, built: GraspLibrary, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+        """Names of the objects that are sampled after the library was built once."""
+        names: list[str] = []
 
-    def test_what_is_no_surface_is_damaged(self, tmp_path: Path, few_grasps: GraspSet) -> None:
-        for content in (b"nonsense", b""):
-            surface_path(tmp_path, "brick").write_bytes(content)
-            with pytest.raises(DamagedFile, match="no surface"):
-                load_surface(few_grasps, tmp_path)
+        def spy(*_: object, name: str, **__: object) -> GraspSet:
+            names.append(name)
+            return replace(built["brick"], object_name=name)
+
+        monkeypatch.setattr(sampling_library, "sample_grasps", spy)
+        return names
+
+    def test_what_is_built_is_what_sampling_gives(self, built: GraspLibrary, few_grasps: GraspSet) -> None:
+        assert same(built["brick"], few_grasps)
+
+    def test_a_stored_set_is_taken_when_everything_agrees(
+        self,
+        tmp_path: Path,
+        brick: TriangleMesh,
+        few: AntipodalSettings,
+        built: GraspLibrary,
+        sampled: list[str],
+    ) -> None:
+        calls: list[tuple[str, int, int]] = []
+        again = build_library(
+            {"brick": brick},
+            PANDA_HAND,
+            seed=1,
+            directory=tmp_path,
+            settings=few,
+            progress=lambda *a: calls.append(a),
+        )
+        assert sampled == []
+        assert same(again["brick"], built["brick"])
+        assert calls == [("brick", 1, 1)]
+
+    @pytest.mark.parametrize(
+        "what", ["seed", "settings", "mesh", "gripper name", "gripper shape", "damage", "name"]
+    )
+    def test_anything_that_differs_makes_it_sample_anew_if_it_may(
+        self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, sampled: list[str], what: str
+    ) -> None:
+        hand, mesh, seed, name = PANDA_HAND, brick, 1, "brick"
+        if what == "seed":
+            seed = 2
+        elif what == "settings":
+            few = replace(few, clearance=0.004)
+        elif what == "mesh":
+            mesh = TriangleMesh(brick.vertices * 1.01, brick.faces)
+        elif what == "gripper name":
+            hand = replace(PANDA_HAND, name="two_fingers")
+        elif what == "gripper shape":
+            hand = replace(PANDA_HAND, body=PANDA_HAND.body * 1.01)
+        elif what == "damage":
+            (tmp_path / "brick.grasps.npz").write_bytes(b"nonsense")
+        else:
+            name = "stone"
+        build_library({name: mesh}, hand, seed=seed, directory=tmp_path, settings=few, replace=True)
+        assert sampled == [name]
+        assert (tmp_path / f"{name}.grasps.npz").exists()
+
+    def test_a_file_from_a_later_version_is_not_overwritten(
+        self,
+        tmp_path: Path,
+        brick: TriangleMesh,
+        few: AntipodalSettings,
+        built: GraspLibrary,
+        sampled: list[str],
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        path = tmp_path / "brick.grasps.npz"
+        with monkeypatch.context() as later:
+            later.setattr(storage, "FORMAT", storage.FORMAT + 1)
+            storage.save_set(built["brick"], tmp_path)
+        before = path.read_bytes()
+        with pytest.raises(InvalidValue, match="later version"):
+            build_library({"brick": brick}, PANDA_HAND, seed=1, directory=tmp_path, settings=few)
+        assert path.read_bytes() == before
+
+    def test_without_a_directory_nothing_is_stored(
+        self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        build_library({"brick": brick}, PANDA_HAND, seed=1, settings=few)
+        assert list(tmp_path.iterdir()) == []

@@ -10,12 +10,11 @@ from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.grasps import GraspSet
 from optsc.robot.gripper import PANDA_HAND
-from optsc.sampling.antipodal import sample_grasps
-from optsc.sampling.proposals import cone_cosine, propose, within_cone
+from optsc.sampling.antipodal import pose_distance, sample_grasps
+from optsc.sampling.contacts import cone_cosine
+from optsc.sampling.proposals import exits, propose, within_cone
 from optsc.sampling.quality import grasp_quality, hold_quality
-from optsc.sampling.rays import exits
 from optsc.sampling.settings import AntipodalSettings
-from optsc.sampling.spread import pose_distance
 from optsc.sampling.surface import centre_of_mass, sample_surface
 from optsc.sim.objects import OBJECT_NAMES
 from optsc.sim.objects.solids import hull, revolved

@@ -5,11 +5,17 @@ import pytest
 
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.robot.gripper import PANDA_HAND
-from optsc.sampling.clearance import approach_boxes, closing_boxes, in_tool_frame, lowest_point, touched
-from optsc.sampling.contacts import pad_contacts
-from optsc.sampling.products import thin_product
-from optsc.sampling.rays import exits
-from optsc.sampling.spread import LENGTH, pose_distance, spread_out
+from optsc.sampling.antipodal import LENGTH, pose_distance, spread_out
+from optsc.sampling.contacts import (
+    approach_boxes,
+    closing_boxes,
+    in_tool_frame,
+    lowest_point,
+    pad_contacts,
+    thin_product,
+    touched,
+)
+from optsc.sampling.proposals import exits
 from optsc.sampling.surface import Surface, centre_of_mass, is_closed, mesh_area, sample_surface
 from optsc.sim.objects import object_model
 from optsc.sim.objects.solids import cuboid

@@ -10,12 +10,11 @@ from optsc.geometry import PointCloud, Pose, TriangleMesh, rotation
 from optsc.grasps import GraspSet
 from optsc.robot.gripper import PANDA_HAND
 from optsc.sampling.checks import Tally
-from optsc.sampling.detection import cloud_hash, detect_grasps
-from optsc.sampling.hidden_side import with_hidden_side
-from optsc.sampling.measured import measured_surface, with_normals
-from optsc.sampling.proposals import cone_cosine, propose_on_points
+from optsc.sampling.contacts import cone_cosine
+from optsc.sampling.detection import cloud_hash, detect_grasps, with_hidden_side
+from optsc.sampling.proposals import propose_on_points
 from optsc.sampling.settings import AntipodalSettings
-from optsc.sampling.surface import mesh_area
+from optsc.sampling.surface import measured_surface, mesh_area, with_normals
 from optsc.sim.objects import object_model
 
 FEW = replace(AntipodalSettings.for_clouds(12), pool=2, spacing=0.003)
