@@ -25,7 +25,7 @@ from benchmarks.grasp_scenes import View, procedural_object, single_view
 from benchmarks.machine import markdown_table, save
 from optsc.geometry import Pose
 from optsc.grasps import GraspSet
-from optsc.perception.completion import completed
+from optsc.perception.completion import complete_cloud
 from optsc.perception.registration import register
 from optsc.perception.templates import template_from_mesh
 from optsc.robot import PANDA_HAND, RobotModel, load_robot
@@ -93,7 +93,7 @@ def sources(
     found = register(view.segment, [template], view.image, seed=seed)
     if found.X_WO is not None:
         tally, watch = Tally(keep=True), Stopwatch()
-        cloud = completed(view.segment.cloud, template, found.X_WO)
+        cloud = complete_cloud(view.segment.cloud, template, found.X_WO)
         # A box is the same upside down: the pose that was found says where up is, and the table.
         up, height = found.X_WO.inverse().rotation_matrix()[:, 2], -float(found.X_WO.translation[2])
         grasps = detect_grasps(cloud, PANDA_HAND, name=name, seed=seed, support=height, up=up, tally=tally)

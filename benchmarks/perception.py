@@ -24,7 +24,7 @@ from benchmarks.machine import markdown_table, save
 from optsc.errors import InvalidValue
 from optsc.geometry import PointCloud, Pose
 from optsc.perception import (
-    Recognised,
+    RegisteredSegment,
     Registration,
     RegistrationSettings,
     SearchSettings,
@@ -137,7 +137,7 @@ def one_scene(
         described(shown(view.view, r.segment), seed, view, r.registration, len(r.segment.cloud))
         for r in found
     ]
-    largest: dict[str, tuple[int, Recognised]] = {}
+    largest: dict[str, tuple[int, RegisteredSegment]] = {}
     for row, one in zip(rows, found, strict=True):
         count = int((one.segment.pixels & view.view.pixels_of(row["object"])).sum())
         if row["object"] in view.visible and count > largest.get(row["object"], (0, one))[0]:

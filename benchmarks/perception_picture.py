@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks.perception import View, seen
 from optsc.geometry import DepthImage, Pose
 from optsc.perception import (
-    Recognised,
+    RegisteredSegment,
     catalogue_template,
     catalogue_templates,
-    completed,
+    complete_cloud,
     register_scene,
     robot_depth,
     robot_mask,
@@ -30,7 +30,7 @@ COLOURS = ("#d95f02", "#1b9e77", "#e7298a", "#66a61e", "#e6ab02", "#7570b3")
 SEEN, FILLED = "#2b5c8a", "#e8a33d"
 
 
-def recognised(seed: int, robot_name: str) -> tuple[View, tuple[Recognised, ...], np.ndarray]:
+def recognised(seed: int, robot_name: str) -> tuple[View, tuple[RegisteredSegment, ...], np.ndarray]:
     """Return a scene, what was recognised in it, and the depth of the arm."""
     robot = load_robot(robot_name)
     view = seen(robot, seed)
@@ -81,7 +81,7 @@ def outlines(axes: Any, image: DepthImage, template_name: str, X_WO: Pose, colou
         axes.plot(u[[i, k]], v[[i, k]], color=colour, solid_capstyle="round", **style)
 
 
-def overview(axes: Any, view: View, found: tuple[Recognised, ...]) -> None:
+def overview(axes: Any, view: View, found: tuple[RegisteredSegment, ...]) -> None:
     """Draw all registered templates over the depth image."""
     image = view.view.image
     axes.imshow(shaded(image), cmap="gray", vmin=0.0, vmax=1.0)
@@ -107,7 +107,7 @@ def overview(axes: Any, view: View, found: tuple[Recognised, ...]) -> None:
     axes.set_axis_off()
 
 
-def compensated(axes: Any, view: View, one: Recognised, arm: np.ndarray) -> None:
+def compensated(axes: Any, view: View, one: RegisteredSegment, arm: np.ndarray) -> None:
     """Draw the compensated cloud of one object in its own frame, seen from behind the camera's back."""
     result = one.registration
     template = catalogue_template(str(result.template))
@@ -115,7 +115,9 @@ def compensated(axes: Any, view: View, one: Recognised, arm: np.ndarray) -> None
     if X_WO is None:
         return
     others = [other.X_WO for other in result.alternatives if other.template == template.name]
-    cloud = completed(one.segment.cloud, template, X_WO, image=image, robot_depth=arm, alternatives=others)
+    cloud = complete_cloud(
+        one.segment.cloud, template, X_WO, image=image, robot_depth=arm, alternatives=others
+    )
     points = 1e3 * X_WO.apply(cloud.points)
     mask = cloud.seen_mask
     axes.scatter(*points[mask][::3].T, s=1.0, color=SEEN, depthshade=False)

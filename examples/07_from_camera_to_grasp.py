@@ -7,7 +7,7 @@ import numpy as np
 
 import optsc
 from optsc.geometry import Pose
-from optsc.perception import SceneMemory, SceneObserver, catalogue_templates
+from optsc.perception import SceneObserver, SceneState, catalogue_templates
 from optsc.sim.camera import DepthCamera
 from optsc.viewers.figure import save_figure
 from optsc.viewers.figure_seen import seen_figure
@@ -20,19 +20,19 @@ rng = np.random.default_rng(0)
 
 def tell(events):
     for event in events:
-        print(f"  {event.name}: {event.news.value} ({event.words})")
+        print(f"  {event.name}: {event.kind.value} ({event.words})")
 
 
 with DepthCamera(world) as camera:
     # All that the observer gets: a depth image, and the arm's measured posture.
     first = camera.look(robot.home, rng=rng).image
-    memory, events = observer.look(SceneMemory(), first, robot.home)
+    memory, events = observer.observe(SceneState(), first, robot.home)
     print("the first look:")
     tell(events)
 
     moved = {"can": Pose.from_translation([-0.04, 0.03, 0.0]) @ world.X_WO["can"]}
     image = camera.look(robot.home, X_WO=moved, rng=rng, stamp=0.5).image
-    after, events = observer.look(memory, image, robot.home)
+    after, events = observer.observe(memory, image, robot.home)
     print("after the can was moved:")
     tell(events)
     print(f"  its grasps are the very same set: {after.library['can'] is memory.library['can']}")

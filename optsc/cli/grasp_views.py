@@ -27,8 +27,8 @@ from optsc.perception import (
     template_from_file,
     view_is_clear,
 )
-from optsc.perception.known_objects import Look, Shape, grasps_of, shape_of
-from optsc.perception.scene_registration import Recognised, without_overlaps
+from optsc.perception.known_objects import ObjectShape, Observation, grasps_of, shape_of
+from optsc.perception.scene_registration import RegisteredSegment, without_overlaps
 from optsc.perception.symmetry import nearest_equivalent
 from optsc.perception.table import find_table
 from optsc.robot import Gripper, load_robot
@@ -105,7 +105,7 @@ def objects_in(
     """
     found = segmented(image, table_height=wanted.table_height, robot_mask=arm)
     _check_anything(image, found, wanted.table_height)
-    look = Look(image, found.segments, hiding, wanted.table_height)
+    look = Observation(image, found.segments, hiding, wanted.table_height)
     seen: list[Seen] = []
     for one in _recognised(look, wanted):
         name = _free_name(one.registration, [other.name for other in seen])
@@ -135,10 +135,10 @@ def _level_plane(image: DepthImage) -> str:
     return f"; the image shows a level plane at {height:.3f} m (--table-height {height:.3f})"
 
 
-def _recognised(look: Look, wanted: Wanted) -> Sequence[Recognised]:
+def _recognised(look: Observation, wanted: Wanted) -> Sequence[RegisteredSegment]:
     if not wanted.templates:
         nothing = Registration.refused("no templates were given")
-        return [Recognised(segment, nothing, (i,)) for i, segment in enumerate(look.segments)]
+        return [RegisteredSegment(segment, nothing, (i,)) for i, segment in enumerate(look.segments)]
     how = dict[str, Any](robot_depth=look.robot_depth, table_height=look.table_height, seed=wanted.seed)
     found = register_scene(look.segments, wanted.templates, look.image, **how)
     by_name = {template.name: template for template in wanted.templates}
@@ -147,7 +147,7 @@ def _recognised(look: Look, wanted: Wanted) -> Sequence[Recognised]:
     )
 
 
-def _seen(name: str, one: Recognised, look: Look, wanted: Wanted) -> Seen:
+def _seen(name: str, one: RegisteredSegment, look: Observation, wanted: Wanted) -> Seen:
     segment, registration = one.segment, one.registration
     by_name = {template.name: template for template in wanted.templates}
     template = None if registration.refusal else by_name.get(registration.template or "")
@@ -173,7 +173,7 @@ def _seen(name: str, one: Recognised, look: Look, wanted: Wanted) -> Seen:
 
 
 def _grasps(
-    name: str, shape: Shape, segment: Segment, look: Look, wanted: Wanted, facts: dict[str, Any]
+    name: str, shape: ObjectShape, segment: Segment, look: Observation, wanted: Wanted, facts: dict[str, Any]
 ) -> GraspSet:
     return grasps_of(
         name,
@@ -187,7 +187,7 @@ def _grasps(
     )
 
 
-def _origin(template: Template | None, shape: Shape) -> dict[str, Any]:
+def _origin(template: Template | None, shape: ObjectShape) -> dict[str, Any]:
     """Return what a trial has to know: of which surface the grasps are, and which way is up in O."""
     if template is None:
         return {}

@@ -45,7 +45,7 @@ def seen_facts(sight: Sight, looks: Iterable[Looks]) -> dict[str, Any]:
             {
                 "episode": index,
                 "time_s": time,
-                "news": event.news.name,
+                "news": event.kind.name,
                 "name": event.name,
                 "words": event.words,
             }

@@ -9,7 +9,7 @@ import numpy as np
 
 from optsc.followers.protocol import Follower, FollowerState
 from optsc.geometry import PinholeCamera
-from optsc.perception import ObserverSettings, SceneEvent, SceneMemory, SceneObserver, catalogue_templates
+from optsc.perception import ObserverSettings, SceneEvent, SceneObserver, SceneState, catalogue_templates
 from optsc.records import SceneUpdate
 from optsc.robot.collision import CollisionModel
 from optsc.selection import GraspClearance
@@ -54,13 +54,13 @@ class Sight:
         self.camera = DepthCamera(world, camera=camera)
         home = world.robot.home
         self.view = self.camera.look(home, rng=np.random.default_rng([seed, 0]))
-        self.first: SceneMemory
+        self.first: SceneState
         self.events: tuple[SceneEvent, ...]
         before = perf_counter()
-        self.first, self.events = self.observer.look(SceneMemory(), self.view.image, home)
+        self.first, self.events = self.observer.observe(SceneState(), self.view.image, home)
         self.seconds = perf_counter() - before
 
-    def update(self, memory: SceneMemory) -> SceneUpdate:
+    def update(self, memory: SceneState) -> SceneUpdate:
         """Return what a controller has to be told of ``memory``."""
         return SceneUpdate(memory.place(), GraspClearance(self._collision.scene(memory.obstacles)))
 
@@ -103,7 +103,7 @@ class Looks:
             measured.q, measured.opening, objects, rng=self._rng, stamp=measured.time
         )
         before = perf_counter()
-        self.memory, events = self._sight.observer.look(self.memory, view.image, measured.q)
+        self.memory, events = self._sight.observer.observe(self.memory, view.image, measured.q)
         self.seconds.append(perf_counter() - before)
         self.events += [(time, event) for event in events]
         return self._sight.update(self.memory) if events else None

@@ -1,15 +1,21 @@
 """What a depth camera sees: objects apart from table and arm, whether the arm hides them, and what they are."""
 
 from optsc.perception.accuracy import add_s, surface_distance, surface_tail
-from optsc.perception.completion import completed
+from optsc.perception.completion import complete_cloud
 from optsc.perception.depth_files import load_depth_image, save_depth_image
 from optsc.perception.observer import ObserverSettings, SceneObserver
 from optsc.perception.occlusion import Occlusion, robot_depth, robot_mask, view_is_clear
 from optsc.perception.registration import Alternative, Registration, RegistrationSettings, register
-from optsc.perception.scene_registration import Recognised, register_scene
-from optsc.perception.scene_state import Explanation, KnownObject, News, SceneEvent, SceneMemory
+from optsc.perception.scene_registration import RegisteredSegment, register_scene
+from optsc.perception.scene_state import Explanation, KnownObject, SceneEvent, SceneEventKind, SceneState
 from optsc.perception.search import SearchSettings
-from optsc.perception.segmentation import Dropped, Segmentation, SegmentationSettings, segment, segmented
+from optsc.perception.segmentation import (
+    DroppedCluster,
+    Segmentation,
+    SegmentationSettings,
+    segment,
+    segmented,
+)
 from optsc.perception.segments import Segment, joined_segments, segment_from_pixels, split_at_creases
 from optsc.perception.templates import (
     Template,
@@ -18,23 +24,23 @@ from optsc.perception.templates import (
     template_from_file,
     template_from_mesh,
 )
-from optsc.perception.tracking import Presence
+from optsc.perception.tracking import ExpectedVisibility
 
 __all__ = [
     "Alternative",
-    "Dropped",
+    "DroppedCluster",
+    "ExpectedVisibility",
     "Explanation",
     "KnownObject",
-    "News",
     "ObserverSettings",
     "Occlusion",
-    "Presence",
-    "Recognised",
+    "RegisteredSegment",
     "Registration",
     "RegistrationSettings",
     "SceneEvent",
-    "SceneMemory",
+    "SceneEventKind",
     "SceneObserver",
+    "SceneState",
     "SearchSettings",
     "Segment",
     "Segmentation",
@@ -43,7 +49,7 @@ __all__ = [
     "add_s",
     "catalogue_template",
     "catalogue_templates",
-    "completed",
+    "complete_cloud",
     "joined_segments",
     "load_depth_image",
     "register",

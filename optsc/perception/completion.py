@@ -22,7 +22,7 @@ _TRIES = 8.0  # random points for each that is kept
 _MOST = 200_000  # points that are filled in at most
 
 
-def completed(
+def complete_cloud(
     cloud_W: PointCloud,
     template: Template,
     X_WO: Pose,

@@ -116,12 +116,12 @@ def _predicted(row: list[int], above: list[int], kind: int) -> np.ndarray:
     for i, value in enumerate(row):
         left, up, diagonal = done[i], above[i], corner[i]
         if kind == 3:
-            guess = (left + up) // 2
+            predicted = (left + up) // 2
         else:
             estimate = left + up - diagonal
             off = (abs(estimate - left), abs(estimate - up), abs(estimate - diagonal))
-            guess = (left, up, diagonal)[off.index(min(off))]
-        done[i + _BYTES] = (value + guess) & 0xFF
+            predicted = (left, up, diagonal)[off.index(min(off))]
+        done[i + _BYTES] = (value + predicted) & 0xFF
     return np.array(done[_BYTES:], dtype=np.uint8)
 
 

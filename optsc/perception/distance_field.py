@@ -1,4 +1,4 @@
-"""A template's signed distance on a grid: what makes hundreds of guesses of its pose cheap to score."""
+"""A template's signed distance on a grid: what makes hundreds of hypotheses of its pose cheap to score."""
 
 from __future__ import annotations
 

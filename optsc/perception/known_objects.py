@@ -10,7 +10,7 @@ import numpy as np
 from optsc.geometry import DepthImage, PointCloud, Pose, TriangleMesh
 from optsc.geometry.rotation import Array
 from optsc.grasps import GraspSet
-from optsc.perception.completion import COMMON, completed
+from optsc.perception.completion import COMMON, complete_cloud
 from optsc.perception.registration import Registration
 from optsc.perception.scene_state import Explanation, KnownObject
 from optsc.perception.segments import Segment
@@ -20,7 +20,7 @@ from optsc.sampling.detection import detect_grasps
 from optsc.sampling.settings import AntipodalSettings
 
 
-class Look(NamedTuple):
+class Observation(NamedTuple):
     """What one image offers.
 
     Attributes:
@@ -36,7 +36,7 @@ class Look(NamedTuple):
     table_height: float
 
 
-class Shape(NamedTuple):
+class ObjectShape(NamedTuple):
     """What is taken to be there.
 
     Attributes:
@@ -55,7 +55,7 @@ class Shape(NamedTuple):
 
 
 def known_object(
-    name: str, shape: Shape, template: Template | None, segment: Segment, image: DepthImage
+    name: str, shape: ObjectShape, template: Template | None, segment: Segment, image: DepthImage
 ) -> KnownObject:
     """Return the object that a segment shows."""
     return KnownObject(
@@ -73,8 +73,8 @@ def known_object(
 
 
 def shape_of(
-    segment: Segment, registration: Registration, templates: Mapping[str, Template], look: Look
-) -> Shape:
+    segment: Segment, registration: Registration, templates: Mapping[str, Template], look: Observation
+) -> ObjectShape:
     """Return what a segment is taken for: a placed template, what several have in common, or just the points.
 
     Of an ambiguous view, such as a mug whose handle is hidden, only that counts as surface which all explanations
@@ -85,27 +85,27 @@ def shape_of(
         # An unknown shape has no frame of its own: one like W's, at its middle, on the table.
         X_WO = Pose.from_translation([*segment.cloud.points[:, :2].mean(axis=0), look.table_height])
         cloud = segment.cloud.transformed(X_WO.inverse())
-        return Shape(X_WO, cloud, nowhere, (), "the points that were seen")
+        return ObjectShape(X_WO, cloud, nowhere, (), "the points that were seen")
     template, X_WO = templates[registration.template], registration.X_WO
-    cloud = completed(segment.cloud, template, X_WO, image=look.image, robot_depth=look.robot_depth)
+    cloud = complete_cloud(segment.cloud, template, X_WO, image=look.image, robot_depth=look.robot_depth)
     explanations = (
         Explanation(template.name, X_WO),
         *(Explanation(other.template, other.X_WO) for other in registration.alternatives),
     )
     if not registration.ambiguous:
-        return Shape(X_WO, cloud, nowhere, explanations[:1], f"the template {template.name}")
+        return ObjectShape(X_WO, cloud, nowhere, explanations[:1], f"the template {template.name}")
     placed = [(templates[name], X) for name, X in explanations]
     shared = cloud.seen_mask | _common(cloud.points, X_WO, placed)
     doubtful = np.concatenate([_doubtful(one, X_WO.inverse() @ X, X_WO, placed) for one, X in placed])
     words = f"what {len(explanations)} explanations of the view share"
-    return Shape(X_WO, cloud.select(shared), doubtful, explanations, words)
+    return ObjectShape(X_WO, cloud.select(shared), doubtful, explanations, words)
 
 
 def grasps_of(
     name: str,
-    shape: Shape,
+    shape: ObjectShape,
     segment: Segment,
-    look: Look,
+    look: Observation,
     gripper: Gripper,
     *,
     facts: Mapping[str, object],

@@ -19,16 +19,23 @@ from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, Pose, rotation
-from optsc.perception.known_objects import Look, Shape, grasps_of, known_object, shape_of
+from optsc.perception.known_objects import ObjectShape, Observation, grasps_of, known_object, shape_of
 from optsc.perception.occlusion import robot_depth, robot_mask, view_is_clear
 from optsc.perception.registration import Registration, RegistrationSettings, register
-from optsc.perception.scene_registration import Recognised, register_scene, without_overlaps
-from optsc.perception.scene_state import KnownObject, News, SceneEvent, SceneMemory
+from optsc.perception.scene_registration import RegisteredSegment, register_scene, without_overlaps
+from optsc.perception.scene_state import KnownObject, SceneEvent, SceneEventKind, SceneState
 from optsc.perception.segmentation import SegmentationSettings, segmented
 from optsc.perception.segments import Segment
 from optsc.perception.symmetry import nearest_equivalent
 from optsc.perception.templates import Template
-from optsc.perception.tracking import Hand, Presence, hand, presence, share_shown, with_grips
+from optsc.perception.tracking import (
+    ExpectedVisibility,
+    TrackingResult,
+    hand,
+    presence,
+    share_shown,
+    with_grips,
+)
 from optsc.robot import RobotModel
 from optsc.sampling.settings import AntipodalSettings
 
@@ -92,15 +99,15 @@ class SceneObserver:
         self.robot, self.gripper = robot, robot.gripper
         self.settings, self.seed = settings or ObserverSettings(), seed
 
-    def look(
-        self, memory: SceneMemory, image: DepthImage, q: ArrayLike
-    ) -> tuple[SceneMemory, tuple[SceneEvent, ...]]:
+    def observe(
+        self, memory: SceneState, image: DepthImage, q: ArrayLike
+    ) -> tuple[SceneState, tuple[SceneEvent, ...]]:
         """Return what is known after one more look, and what has changed.
 
         Where nothing has changed, the memory's library is the very same object.
 
         Args:
-            memory: what was known before, ``SceneMemory()`` at first.
+            memory: what was known before, ``SceneState()`` at first.
             image: what is measured, by the camera and from the place of the images before.
             q: measured posture of the arm at that time (n,) [rad].
 
@@ -109,18 +116,20 @@ class SceneObserver:
         """
         _check_same_view(memory, image)
         hiding = robot_depth(self.robot, q, image.camera, image.X_WC)
-        look = Look(image, self._segments(image, q), hiding, self.settings.table_height)
+        look = Observation(image, self._segments(image, q), hiding, self.settings.table_height)
         return self._with_new(self._compared(memory, look, self.robot.forward(q)), look)
 
-    def _compared(self, memory: SceneMemory, look: Look, X_WT: Pose) -> Hand:
+    def _compared(self, memory: SceneState, look: Observation, X_WT: Pose) -> TrackingResult:
         """Return what is left of the memory where it is compared with an image, and what the hand has taken."""
         standing = [known for name, known in memory.objects.items() if name not in memory.held]
         found = {known.name: presence(known, look.image, look.robot_depth) for known in standing}
         memory = with_grips(_refreshed(memory, found, look.image.stamp), found, X_WT, self.gripper)
-        gone = frozenset(name for name, state in found.items() if state is Presence.GONE)
+        gone = frozenset(name for name, state in found.items() if state is ExpectedVisibility.GONE)
         return hand(memory, gone, X_WT, look.image)
 
-    def _with_new(self, known: Hand, look: Look) -> tuple[SceneMemory, tuple[SceneEvent, ...]]:
+    def _with_new(
+        self, known: TrackingResult, look: Observation
+    ) -> tuple[SceneState, tuple[SceneEvent, ...]]:
         """Return the memory with what an image shows beyond it, and without what is lost for good."""
         memory, events = known.memory, list(known.events)
         left, unsure, found = set(known.lost), set(known.unsure), set[str]()
@@ -135,7 +144,7 @@ class SceneObserver:
             events.append(event)
         for name in sorted(left):
             memory = memory.without(name)
-            events.append(SceneEvent(News.RETIRED, name, "its place is seen to be empty"))
+            events.append(SceneEvent(SceneEventKind.RETIRED, name, "its place is seen to be empty"))
         return memory, tuple(events)
 
     def _segments(self, image: DepthImage, q: ArrayLike) -> tuple[Segment, ...]:
@@ -146,7 +155,7 @@ class SceneObserver:
             settings=self.settings.segmentation,
         ).segments
 
-    def _unexplained(self, memory: SceneMemory, lost: AbstractSet[str], look: Look) -> list[Segment]:
+    def _unexplained(self, memory: SceneState, lost: AbstractSet[str], look: Observation) -> list[Segment]:
         """Return the segments that nothing hides and that show nothing that is known to be there."""
         names = memory.objects.keys() - lost
         return [
@@ -156,7 +165,9 @@ class SceneObserver:
             and not self._explained(segment, memory, names, look)
         ]
 
-    def _explained(self, segment: Segment, memory: SceneMemory, names: AbstractSet[str], look: Look) -> bool:
+    def _explained(
+        self, segment: Segment, memory: SceneState, names: AbstractSet[str], look: Observation
+    ) -> bool:
         """Tell whether a segment shows one of these objects."""
         shares = (
             share_shown(
@@ -170,10 +181,10 @@ class SceneObserver:
         )
         return any(share > self.settings.explained for share in shares)
 
-    def _recognised(self, segments: Sequence[Segment], look: Look) -> tuple[Recognised, ...]:
+    def _recognised(self, segments: Sequence[Segment], look: Observation) -> tuple[RegisteredSegment, ...]:
         if not self.templates:
             unknown = Registration.refused("no templates are known")
-            return tuple(Recognised(segment, unknown, (i,)) for i, segment in enumerate(segments))
+            return tuple(RegisteredSegment(segment, unknown, (i,)) for i, segment in enumerate(segments))
         how = dict[str, Any](
             robot_depth=look.robot_depth,
             table_height=look.table_height,
@@ -187,8 +198,12 @@ class SceneObserver:
         )
 
     def _take_in(
-        self, memory: SceneMemory, missing: Sequence[AbstractSet[str]], recognised: Recognised, look: Look
-    ) -> tuple[SceneMemory, SceneEvent]:
+        self,
+        memory: SceneState,
+        missing: Sequence[AbstractSet[str]],
+        recognised: RegisteredSegment,
+        look: Observation,
+    ) -> tuple[SceneState, SceneEvent]:
         """Return the memory with what unexplained segments show."""
         segment, registration, _ = recognised
         template = None if registration.refusal else self.templates.get(registration.template or "")
@@ -202,23 +217,23 @@ class SceneObserver:
         name = before.name if before is not None else _new_name(memory, template)
         known = known_object(name, shape, template, segment, look.image)
         if template is None and not self.settings.unknown:
-            return memory.with_object(known), SceneEvent(News.REFUSED, name, registration.refusal)
+            return memory.with_object(known), SceneEvent(SceneEventKind.REFUSED, name, registration.refusal)
         event = _event(before, known, shape.words, self.settings.tilt)
         sure = before is not None and before.certain and known.certain
-        if event.news is News.MOVED and sure and name in memory.library:
+        if event.kind is SceneEventKind.MOVED and sure and name in memory.library:
             return memory.with_object(known), event
         return self._stored(memory, known, shape, segment, registration, look, event)
 
     def _stored(
         self,
-        memory: SceneMemory,
+        memory: SceneState,
         known: KnownObject,
-        shape: Shape,
+        shape: ObjectShape,
         segment: Segment,
         registration: Registration,
-        look: Look,
+        look: Observation,
         event: SceneEvent,
-    ) -> tuple[SceneMemory, SceneEvent]:
+    ) -> tuple[SceneState, SceneEvent]:
         """Return the memory with an object and grasps made for it now, or with the object alone."""
         facts: dict[str, object] = {"template": known.template, "explanations": len(known.explanations)}
         if known.template is not None:
@@ -236,13 +251,13 @@ class SceneObserver:
             )
         except InvalidValue as error:
             # It is there all the same, and can be bumped into.
-            refused = SceneEvent(News.REFUSED, known.name, str(error))
+            refused = SceneEvent(SceneEventKind.REFUSED, known.name, str(error))
             return memory.without(known.name).with_object(known), refused
         memory = replace(memory, library=memory.library.with_set(grasps)).with_object(known)
         return memory, event._replace(words=f"{event.words}; {len(grasps)} grasps")
 
 
-def _check_same_view(memory: SceneMemory, image: DepthImage) -> None:
+def _check_same_view(memory: SceneState, image: DepthImage) -> None:
     for known in memory.objects.values():
         if known.image.camera != image.camera:
             raise InvalidValue(
@@ -255,20 +270,20 @@ def _check_same_view(memory: SceneMemory, image: DepthImage) -> None:
             raise InvalidValue("image.X_WC", moved, "the camera's place in the looks before")
 
 
-def _refreshed(memory: SceneMemory, found: Mapping[str, Presence], stamp: float) -> SceneMemory:
+def _refreshed(memory: SceneState, found: Mapping[str, ExpectedVisibility], stamp: float) -> SceneState:
     """Return the memory in which the objects that are still there have been seen now.
 
     Only the time changes: pose, points and grasps stay those of the look that they were made from.
     """
     objects = {
-        name: replace(known, stamp=stamp) if found.get(name) is Presence.THERE else known
+        name: replace(known, stamp=stamp) if found.get(name) is ExpectedVisibility.THERE else known
         for name, known in memory.objects.items()
     }
     return replace(memory, objects=objects)
 
 
 def _same_kind(
-    memory: SceneMemory, missing: Sequence[AbstractSet[str]], template: Template | None
+    memory: SceneState, missing: Sequence[AbstractSet[str]], template: Template | None
 ) -> KnownObject | None:
     """Return a missing object of this kind, from the first group that has one, the first by name; else None."""
     if template is None:
@@ -279,7 +294,7 @@ def _same_kind(
     )
 
 
-def _new_name(memory: SceneMemory, template: Template | None) -> str:
+def _new_name(memory: SceneState, template: Template | None) -> str:
     name, number = "unknown" if template is None else template.name, 2
     if name not in memory.objects:
         return name
@@ -291,10 +306,12 @@ def _new_name(memory: SceneMemory, template: Template | None) -> str:
 def _event(before: KnownObject | None, known: KnownObject, words: str, tilt: float) -> SceneEvent:
     """Return what has happened to an object that was known before, or was not."""
     if before is None:
-        return SceneEvent(News.STORED, known.name, words)
+        return SceneEvent(SceneEventKind.STORED, known.name, words)
     z, z_now = (X.rotation_matrix()[:, 2] for X in (before.X_WO, known.X_WO))
     turned = acos(min(1.0, max(-1.0, float(z @ z_now))))
     if turned > tilt:
-        return SceneEvent(News.TOPPLED, known.name, f"its up turned by {degrees(turned):.0f} degrees")
+        return SceneEvent(
+            SceneEventKind.TOPPLED, known.name, f"its up turned by {degrees(turned):.0f} degrees"
+        )
     distance = float(np.linalg.norm(known.X_WO.translation - before.X_WO.translation))
-    return SceneEvent(News.MOVED, known.name, f"moved by {1e3 * distance:.0f} mm")
+    return SceneEvent(SceneEventKind.MOVED, known.name, f"moved by {1e3 * distance:.0f} mm")

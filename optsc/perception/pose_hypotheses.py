@@ -20,8 +20,8 @@ from optsc.perception.templates import Template
 
 
 @dataclass(frozen=True, eq=False)
-class Guesses:
-    """Guesses X_WO of a pose: rotations (B, 3, 3) and positions (B, 3) [m]."""
+class PoseHypotheses:
+    """PoseHypotheses X_WO of a pose: rotations (B, 3, 3) and positions (B, 3) [m]."""
 
     R: Array
     t: Array
@@ -29,35 +29,35 @@ class Guesses:
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, index: object) -> Guesses:
-        return Guesses(self.R[index], self.t[index])  # type: ignore[call-overload]
+    def __getitem__(self, index: object) -> PoseHypotheses:
+        return PoseHypotheses(self.R[index], self.t[index])  # type: ignore[call-overload]
 
     @classmethod
-    def of(cls, poses: Pose) -> Guesses:
-        """Return a batch of poses (B,) as guesses."""
+    def of(cls, poses: Pose) -> PoseHypotheses:
+        """Return a batch of poses (B,) as hypotheses."""
         return cls(poses.rotation_matrix(), np.array(poses.translation))
 
     @classmethod
-    def joined(cls, parts: Sequence[Guesses]) -> Guesses:
-        """Return the guesses of all ``parts``, in order."""
+    def joined(cls, parts: Sequence[PoseHypotheses]) -> PoseHypotheses:
+        """Return the hypotheses of all ``parts``, in order."""
         return cls(np.concatenate([p.R for p in parts]), np.concatenate([p.t for p in parts]))
 
     def pose(self, index: int) -> Pose:
-        """Return one guess as a pose."""
+        """Return one hypothesis as a pose."""
         return Pose(rotation.from_matrix(orthonormal(self.R[index])), self.t[index])
 
     def to_object(self, points_W: Array) -> Array:
-        """Return points (M, 3) of W in the frame O of every guess (B, M, 3)."""
+        """Return points (M, 3) of W in the frame O of every hypothesis (B, M, 3)."""
         return (points_W[None] - self.t[:, None]) @ self.R
 
     def to_world(self, points_O: Array) -> Array:
-        """Return points (M, 3) of O in W for every guess (B, M, 3)."""
+        """Return points (M, 3) of O in W for every hypothesis (B, M, 3)."""
         return points_O[None] @ self.R.swapaxes(1, 2) + self.t[:, None]
 
-    def moved(self, turn: Array, shift: Array, pivot: Array) -> Guesses:
-        """Return the guesses turned by rotation vectors (B, 3) [rad] about ``pivot`` (3,) and shifted (B, 3) [m]."""
+    def moved(self, turn: Array, shift: Array, pivot: Array) -> PoseHypotheses:
+        """Return the hypotheses turned by rotation vectors (B, 3) [rad] about ``pivot`` (3,) and shifted (B, 3) [m]."""
         Q = rotation.to_matrix(rotation.exp(turn))
-        return Guesses(Q @ self.R, pivot + np.einsum("bij,bj->bi", Q, self.t - pivot) + shift)
+        return PoseHypotheses(Q @ self.R, pivot + np.einsum("bij,bj->bi", Q, self.t - pivot) + shift)
 
 
 def orthonormal(R: Array) -> Array:
@@ -78,7 +78,7 @@ _WORTH_SHIFTING = 0.008  # [m]
 
 def resting_starts(
     template: Template, points: Array, eye: Array, table_height: float, count: int, slack: float = 0.012
-) -> Guesses:
+) -> PoseHypotheses:
     """Return starts (B) that rest on the table: resting poses x yaw angles x positions.
 
     The centre of what the template would show to the camera is put on the centre of what was seen. Where the template
@@ -107,20 +107,20 @@ def resting_starts(
             turned = yaws(number * template.symmetry)[:number]
         parts.append(_placed(turned @ R, template, points, eye, table_height + z))
     if not parts:
-        return Guesses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
-    return Guesses.joined(parts)
+        return PoseHypotheses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+    return PoseHypotheses.joined(parts)
 
 
 def free_starts(
     template: Template, points: Array, eye: Array, count: int, rng: np.random.Generator
-) -> Guesses:
+) -> PoseHypotheses:
     """Return starts with rotations from all of SO(3), for what rests on something else than the table."""
     R = rotation.to_matrix(rotation.random(rng, (count,)))
     return _placed(R, template, points, eye, None)
 
 
-def _placed(R: Array, template: Template, points: Array, eye: Array, z: float | None) -> Guesses:
-    """Return guesses with rotations (B, 3, 3), each at one to nine positions; ``z`` of O is given or follows too."""
+def _placed(R: Array, template: Template, points: Array, eye: Array, z: float | None) -> PoseHypotheses:
+    """Return hypotheses with rotations (B, 3, 3), each at one to nine positions; ``z`` of O is given or follows too."""
     seen = points.mean(axis=0)
     look = seen - eye
     look /= np.linalg.norm(look)
@@ -137,17 +137,17 @@ def _placed(R: Array, template: Template, points: Array, eye: Array, z: float | 
     low_seen, high_seen = np.percentile(points @ axes.T, [1.0, 99.0], axis=0)
     gap = (high - low) - (high_seen - low_seen)
     to_low, to_high = low_seen - (low + base @ axes.T), high_seen - (high + base @ axes.T)
-    found = [Guesses(R, base)]
+    found = [PoseHypotheses(R, base)]
     for i in range(2):
         hidden = gap[:, i] > _WORTH_SHIFTING
         for shift in (to_low[:, i], to_high[:, i]):
-            found.append(Guesses(R[hidden], (base + shift[:, None] * axes[i])[hidden]))
+            found.append(PoseHypotheses(R[hidden], (base + shift[:, None] * axes[i])[hidden]))
     both = (gap > _WORTH_SHIFTING).all(axis=1)
     for first in (to_low[:, 0], to_high[:, 0]):
         for second in (to_low[:, 1], to_high[:, 1]):
             moved = base + first[:, None] * axes[0] + second[:, None] * axes[1]
-            found.append(Guesses(R[both], moved[both]))
-    return Guesses.joined(found)
+            found.append(PoseHypotheses(R[both], moved[both]))
+    return PoseHypotheses.joined(found)
 
 
 def _horizontal(look: Array) -> Array:
@@ -158,15 +158,15 @@ def _horizontal(look: Array) -> Array:
     return np.stack([across, np.cross([0.0, 0.0, 1.0], across)])
 
 
-def pose_starts(X_WO: Pose) -> Guesses:
+def pose_starts(X_WO: Pose) -> PoseHypotheses:
     """Return a batch of poses that somebody else proposes, such as the last known ones, as starts."""
-    return Guesses.of(X_WO)
+    return PoseHypotheses.of(X_WO)
 
 
 _RUNS, _TRIES, _CONFIDENCE = 4, 20_000, 0.999
 
 
-def feature_starts(template: Template, points: Array, voxel: float, seed: int = 0) -> Guesses:
+def feature_starts(template: Template, points: Array, voxel: float, seed: int = 0) -> PoseHypotheses:
     """Return starts (B) from fast point feature histograms (R. Rusu, N. Blodow, M. Beetz, 2009) matched by RANSAC.
 
     Args:
@@ -183,7 +183,7 @@ def feature_starts(template: Template, points: Array, voxel: float, seed: int = 
     source, source_features = _described(o3d, np.array(template.points), voxel)
     target, target_features = _described(o3d, np.array(points), voxel)
     if len(target.points) < 10:
-        return Guesses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        return PoseHypotheses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
     pipeline = o3d.pipelines.registration
     found = []
     for run in range(_RUNS):
@@ -205,7 +205,7 @@ def feature_starts(template: Template, points: Array, voxel: float, seed: int = 
         )
         found.append(np.linalg.inv(np.asarray(result.transformation)))
     M = np.stack(found)
-    return Guesses(M[:, :3, :3].copy(), M[:, :3, 3].copy())
+    return PoseHypotheses(M[:, :3, :3].copy(), M[:, :3, 3].copy())
 
 
 def _described(o3d: ModuleType, points: Array, voxel: float) -> tuple[Any, Any]:

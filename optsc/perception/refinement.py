@@ -13,7 +13,7 @@ import numpy as np
 
 from optsc.geometry.rotation import Array
 from optsc.perception.distance_field import DistanceField
-from optsc.perception.pose_hypotheses import Guesses
+from optsc.perception.pose_hypotheses import PoseHypotheses
 from optsc.perception.templates import Template
 
 PLANAR = (0, 1, 5)
@@ -25,21 +25,21 @@ _LONGEST_SHIFT, _LARGEST_TURN = 0.02, 0.35  # [m], [rad] of one step
 
 
 def aligned(
-    guesses: Guesses,
+    hypotheses: PoseHypotheses,
     points: Array,
     field: DistanceField,
     reaches: tuple[float, ...],
     *,
     freedom: tuple[int, ...] = PLANAR,
-) -> Guesses:
-    """Return the guesses after one Gauss-Newton step per entry of ``reaches``.
+) -> PoseHypotheses:
+    """Return the hypotheses after one Gauss-Newton step per entry of ``reaches``.
 
     Minimised is the sum of w d^2 over the points, d their signed distance to the surface and w Tukey's weight
     (1 - (d / reach)^2)^2 within ``reach``, 0 beyond. Linearised with a shift u and a turn r about the points' centre c,
     d changes by -g (u + r x (p - c)), g the outward gradient in W.
 
     Args:
-        guesses: to start from.
+        hypotheses: to start from.
         points: measured (M, 3) [m], in W.
         field: of the template.
         reaches: from far to near [m].
@@ -48,27 +48,27 @@ def aligned(
     pivot = points.mean(axis=0)
     index = list(freedom)
     for reach in reaches:
-        H, b = normal_equations(guesses, points, field, reach, pivot)
+        H, b = normal_equations(hypotheses, points, field, reach, pivot)
         H, b = H[:, index][:, :, index], b[:, index]
         damping = 1e-3 * np.trace(H, axis1=1, axis2=2)[:, None, None] / len(index) * np.eye(len(index))
         scale = np.where(
             np.array(index) < 3, 1.0, 0.05
         )  # so that damping means the same to a turn and to a shift
         step = np.linalg.solve(H + damping * scale**2 + 1e-12 * np.eye(len(index)), b[..., None])[..., 0]
-        whole = np.zeros((len(guesses), 6))
+        whole = np.zeros((len(hypotheses), 6))
         whole[:, index] = step
-        guesses = guesses.moved(
+        hypotheses = hypotheses.moved(
             _limited(whole[:, 3:], _LARGEST_TURN), _limited(whole[:, :3], _LONGEST_SHIFT), pivot
         )
-    return guesses
+    return hypotheses
 
 
 def normal_equations(
-    guesses: Guesses, points: Array, field: DistanceField, reach: float, pivot: Array
+    hypotheses: PoseHypotheses, points: Array, field: DistanceField, reach: float, pivot: Array
 ) -> tuple[Array, Array]:
     """Return H (B, 6, 6) and b (B, 6) of the weighted least squares, for shift and turn about ``pivot``."""
-    d, g = field.lookup(guesses.to_object(points))
-    gradient = g @ guesses.R.swapaxes(1, 2)
+    d, g = field.lookup(hypotheses.to_object(points))
+    gradient = g @ hypotheses.R.swapaxes(1, 2)
     weight = np.clip(1.0 - (d / reach) ** 2, 0.0, None) ** 2
     rows = np.concatenate([gradient, np.cross((points - pivot)[None], gradient)], axis=-1)
     weighted = rows * weight[..., None]
@@ -91,12 +91,17 @@ _FIELD_REACHES = (1.0, 1.0, 0.8, 0.8, 0.6, 0.6)
 
 
 def refined(
-    guesses: Guesses, points: Array, template: Template, method: Method, reach: float, iterations: int = 20
-) -> Guesses:
-    """Return the guesses after ICP.
+    hypotheses: PoseHypotheses,
+    points: Array,
+    template: Template,
+    method: Method,
+    reach: float,
+    iterations: int = 20,
+) -> PoseHypotheses:
+    """Return the hypotheses after ICP.
 
     Args:
-        guesses: X_WO to start from.
+        hypotheses: X_WO to start from.
         points: measured (M, 3) [m], in W.
         template: the shape.
         method: ``gicp``: plane to plane (A. Segal, D. Haehnel, S. Thrun, Generalized-ICP, 2009); ``plane``: point to
@@ -107,15 +112,15 @@ def refined(
     """
     if method == "field":
         return aligned(
-            guesses, points, template.field, tuple(reach * r for r in _FIELD_REACHES), freedom=FREE
+            hypotheses, points, template.field, tuple(reach * r for r in _FIELD_REACHES), freedom=FREE
         )
     import small_gicp
 
     target, tree = _target(template)
     source = small_gicp.PointCloud(points)
     small_gicp.estimate_covariances(source, num_neighbors=_NEIGHBOURS, num_threads=1)
-    R, t = np.array(guesses.R), np.array(guesses.t)
-    for i in range(len(guesses)):
+    R, t = np.array(hypotheses.R), np.array(hypotheses.t)
+    for i in range(len(hypotheses)):
         start = np.eye(4)
         start[:3, :3], start[:3, 3] = R[i].T, -R[i].T @ t[i]
         result = small_gicp.align(
@@ -133,13 +138,18 @@ def refined(
         T = result.T_target_source
         if np.all(np.isfinite(T)):
             R[i], t[i] = T[:3, :3].T, -T[:3, :3].T @ T[:3, 3]
-    return Guesses(R, t)
+    return PoseHypotheses(R, t)
 
 
 def covariance(
-    guess: Guesses, points: Array, template: Template, tolerance: float, noise: float, footprint: float
+    hypothesis: PoseHypotheses,
+    points: Array,
+    template: Template,
+    tolerance: float,
+    noise: float,
+    footprint: float,
 ) -> Array:
-    """Return the covariance (6, 6) of one guess: shift of O's origin [m], then turn [rad], both along the axes of W.
+    """Return the covariance (6, 6) of a pose: shift of O's origin [m], then turn [rad], both along W's axes.
 
     With H the Hessian of half the sum of squared distances, each counted by the variance s^2 of a distance:
     (H / s^2 + P)^-1, where P stands for what is known without looking: that the position is good to `footprint` and
@@ -147,20 +157,20 @@ def covariance(
     none; what a template's continuous symmetry leaves open, such as the turn of a can, is taken out of H.
 
     Args:
-        guess: X_WO, one.
+        hypothesis: X_WO, one.
         points: measured (M, 3) [m], in W, independent of each other.
         template: the shape.
         tolerance: distances up to this count [m].
         noise: least standard deviation of a distance [m].
         footprint: standard deviation of the position without the fit [m].
     """
-    H, _ = normal_equations(guess, points, template.field, tolerance, guess.t[0])
+    H, _ = normal_equations(hypothesis, points, template.field, tolerance, hypothesis.t[0])
     if template.round:
         # The facets of a round thing and the noise of its gradients must not pass for knowledge of its turn.
-        axis = np.concatenate([np.zeros(3), guess.R[0, :, 2]])
+        axis = np.concatenate([np.zeros(3), hypothesis.R[0, :, 2]])
         blind = np.eye(6) - np.outer(axis, axis)
         H = blind @ H @ blind
-    d, _ = template.field.lookup(guess.to_object(points))
+    d, _ = template.field.lookup(hypothesis.to_object(points))
     near = np.abs(d[0]) <= tolerance
     s = max(noise, float(np.sqrt(np.mean(d[0][near] ** 2)))) if near.any() else tolerance
     prior = np.diag([footprint**-2.0] * 3 + [np.pi**-2.0] * 3)

@@ -11,13 +11,13 @@ import numpy as np
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, Pose
 from optsc.geometry.rotation import Array
-from optsc.perception.pose_hypotheses import Guesses, feature_starts
+from optsc.perception.pose_hypotheses import PoseHypotheses, feature_starts
 from optsc.perception.refinement import covariance
 from optsc.perception.scoring import free_space, shape_distance, visible_fraction
 from optsc.perception.search import (
-    Candidates,
+    RankedHypotheses,
     SearchSettings,
-    View,
+    SegmentEvidence,
     averaged,
     free_candidates,
     resting_candidates,
@@ -157,7 +157,7 @@ def register(
             f"{settings.least_points} are needed"
         )
     space = free_space(image, robot_depth, tolerance=settings.through)
-    view = View(points, space, image.X_WC.translation, table_height)
+    view = SegmentEvidence(points, space, image.X_WC.translation, table_height)
     extra = (
         _feature_starts(templates, segment.cloud.points, settings, seed) if settings.search.features else None
     )
@@ -176,11 +176,11 @@ def _too_few(points: Array, settings: RegistrationSettings) -> str:
 
 def _feature_starts(
     templates: Sequence[Template], points: Array, settings: RegistrationSettings, seed: int
-) -> dict[str, Guesses]:
+) -> dict[str, PoseHypotheses]:
     return {t.name: feature_starts(t, points, settings.search.voxel, seed) for t in templates}
 
 
-def _refusal(candidates: Candidates, settings: RegistrationSettings, index: int = 0) -> str:
+def _refusal(candidates: RankedHypotheses, settings: RegistrationSettings, index: int = 0) -> str:
     """Return why a candidate cannot be accepted; empty if it can."""
     f = candidates.fit[index]
     if f.inliers < settings.least_inliers:
@@ -196,19 +196,21 @@ def _refusal(candidates: Candidates, settings: RegistrationSettings, index: int 
     return ""
 
 
-def _decided(found: Sequence[Candidates], view: View, settings: RegistrationSettings) -> Registration:
+def _decided(
+    found: Sequence[RankedHypotheses], view: SegmentEvidence, settings: RegistrationSettings
+) -> Registration:
     """Return the best candidate with its alternatives, or why it is refused."""
     if not found:
         return Registration.refused("no template is as tall as what was seen")
-    every = [(c, i) for c in found for i in range(len(c.guesses))]
+    every = [(c, i) for c in found for i in range(len(c.hypotheses))]
     every.sort(key=lambda entry: -entry[0].fit.score[entry[1]])
     (best, index), search = every[0], settings.search
-    guess, f = best.guesses[[index]], best.fit[index]
+    hypothesis, f = best.hypotheses[[index]], best.fit[index]
     reason = _refusal(best, settings, index)
     if reason:
         reason = f"no template fits; the best, {best.template.name}: {reason}"
     margin = settings.margin + settings.margin_of_few / np.sqrt(len(view.points))
-    alternatives: list[tuple[Candidates, int]] = []
+    alternatives: list[tuple[RankedHypotheses, int]] = []
     for other, i in every[1:]:
         if other.fit.score[i] < f.score - margin:
             break
@@ -216,25 +218,25 @@ def _decided(found: Sequence[Candidates], view: View, settings: RegistrationSett
         if all(_differ(other, i, c, k, search.distinct) for c, k in known):
             alternatives.append((other, i))
     noise = settings.noise
-    C = covariance(guess, view.points, best.template, search.tolerance, noise, best.template.diameter)
+    C = covariance(hypothesis, view.points, best.template, search.tolerance, noise, best.template.diameter)
     return Registration(
         best.template.name,
-        guess.pose(0),
+        hypothesis.pose(0),
         float(f.residual),
         float(f.inliers),
         float(f.violations),
-        visible_fraction(best.template, guess, view.space),
+        visible_fraction(best.template, hypothesis, view.space),
         C,
         float(f.score),
         bool(alternatives) and not reason,
         tuple(
-            Alternative(c.template.name, c.guesses.pose(i), float(c.fit.score[i])) for c, i in alternatives
+            Alternative(c.template.name, c.hypotheses.pose(i), float(c.fit.score[i])) for c, i in alternatives
         ),
         reason,
     )
 
 
-def _differ(a: Candidates, i: int, b: Candidates, k: int, distinct: float) -> bool:
+def _differ(a: RankedHypotheses, i: int, b: RankedHypotheses, k: int, distinct: float) -> bool:
     if a.template.name != b.template.name:
         return True
-    return bool(shape_distance(a.guesses[[i]], b.guesses[[k]], a.template)[0] > distinct)
+    return bool(shape_distance(a.hypotheses[[i]], b.hypotheses[[k]], a.template)[0] > distinct)

@@ -22,7 +22,7 @@ WORTH_CUTTING = 0.15
 """A refused segment is cut along the template's edge if both sides are at least this share of it."""
 
 
-class Recognised(NamedTuple):
+class RegisteredSegment(NamedTuple):
     """An object that was found, or something that was not."""
 
     segment: Segment
@@ -41,7 +41,7 @@ def register_scene(
     table_height: float = 0.0,
     settings: RegistrationSettings | None = None,
     seed: int = 0,
-) -> tuple[Recognised, ...]:
+) -> tuple[RegisteredSegment, ...]:
     """Return what the segments are, one entry per object, in the order of each object's largest piece.
 
     Segments are registered from the largest to the smallest. One that is refused may be two things that touch: it is
@@ -61,7 +61,7 @@ def register_scene(
     pieces = scene.cut(segments)
     pieces.sort(key=lambda one: (-len(one.segment.cloud), one.pieces))
     order = [one.pieces[0] for one in pieces]
-    found: list[Recognised] = []
+    found: list[RegisteredSegment] = []
     for one in pieces:
         if any(one.pieces[0] in other.pieces for other in found):
             continue
@@ -98,23 +98,23 @@ class _Scene(NamedTuple):
         """Return the template of that name."""
         return next(template for template in self.templates if template.name == name)
 
-    def cut(self, segments: Sequence[Segment]) -> list[Recognised]:
+    def cut(self, segments: Sequence[Segment]) -> list[RegisteredSegment]:
         """Return every segment, or the parts of a refused one of which more can be explained."""
-        found: list[Recognised] = []
+        found: list[RegisteredSegment] = []
         number = len(segments)
         for index, segment in enumerate(segments):
-            one = Recognised(segment, self.registered(segment), (index,))
+            one = RegisteredSegment(segment, self.registered(segment), (index,))
             parts: list[tuple[Segment, Registration]] = []
             if one.registration.refusal:
                 parts = self._best_parts(one)
             if not parts:
                 found.append(one)
             for part, result in parts:
-                found.append(Recognised(part, result, (number,)))
+                found.append(RegisteredSegment(part, result, (number,)))
                 number += 1
         return found
 
-    def _best_parts(self, one: Recognised) -> list[tuple[Segment, Registration]]:
+    def _best_parts(self, one: RegisteredSegment) -> list[tuple[Segment, Registration]]:
         """Return the cut of a refused segment that explains most of its points; nothing if none explains any."""
         best: list[tuple[Segment, Registration]] = []
         most = 0
@@ -125,7 +125,7 @@ class _Scene(NamedTuple):
                 best, most = results, explained
         return best
 
-    def _along_template(self, one: Recognised) -> tuple[Segment, ...]:
+    def _along_template(self, one: RegisteredSegment) -> tuple[Segment, ...]:
         """Return the part of a refused segment that lies on its best template, and the rest; () if one is small."""
         result, points = one.registration, one.segment.cloud.points
         rows, columns = np.nonzero(one.segment.pixels)
@@ -141,7 +141,7 @@ class _Scene(NamedTuple):
             parts.append(segment_from_pixels(self.image, pixels))
         return tuple(parts)
 
-    def joined(self, one: Recognised, others: Sequence[Recognised]) -> Recognised:
+    def joined(self, one: RegisteredSegment, others: Sequence[RegisteredSegment]) -> RegisteredSegment:
         """Return ``one`` together with those of ``others`` that lie on its pose, if they fit together."""
         on_it = [other for other in others if self._lies_on(other.segment.cloud.points, one.registration)]
         if not on_it:
@@ -151,7 +151,7 @@ class _Scene(NamedTuple):
         result = self.registered(joint)
         if result.refusal or result.score <= one.registration.score - self.settings.margin:
             return one
-        return Recognised(joint, result, tuple(i for other in every for i in other.pieces))
+        return RegisteredSegment(joint, result, tuple(i for other in every for i in other.pieces))
 
     def _lies_on(self, points: Array, result: Registration) -> bool:
         """Tell whether points (M, 3) in W lie on the registered pose or on one of its alternatives."""
@@ -172,11 +172,11 @@ CLOSEST = 0.5
 
 
 def without_overlaps(
-    recognised: Sequence[Recognised],
+    recognised: Sequence[RegisteredSegment],
     templates: Mapping[str, Template],
     image: DepthImage,
     register_one: Callable[[Segment], Registration],
-) -> tuple[Recognised, ...]:
+) -> tuple[RegisteredSegment, ...]:
     """Return what was recognised, with what was placed inside something else joined to it.
 
     The joint points say what it is; where they fit nothing, the larger piece does.
@@ -187,7 +187,7 @@ def without_overlaps(
         image: of the segments.
         register_one: returns what a segment is.
     """
-    kept: list[Recognised] = []
+    kept: list[RegisteredSegment] = []
     for one in recognised:
         at = next((i for i, other in enumerate(kept) if _overlap(one, other, templates)), None)
         if at is None:
@@ -196,11 +196,11 @@ def without_overlaps(
         joint = joined_segments(image, [kept[at].segment, one.segment])
         result = register_one(joint)
         best = kept[at].registration if result.refusal else result
-        kept[at] = Recognised(joint, best, (*kept[at].pieces, *one.pieces))
+        kept[at] = RegisteredSegment(joint, best, (*kept[at].pieces, *one.pieces))
     return tuple(kept)
 
 
-def _overlap(one: Recognised, other: Recognised, templates: Mapping[str, Template]) -> bool:
+def _overlap(one: RegisteredSegment, other: RegisteredSegment, templates: Mapping[str, Template]) -> bool:
     if one.registration.refusal or other.registration.refusal:
         return False
     (middle, half), (other_middle, other_half) = (_ball(r.registration, templates) for r in (one, other))

@@ -15,7 +15,7 @@ from optsc.geometry.rotation import Array
 from optsc.grasps import Candidates, GraspLibrary
 
 
-class News(Enum):
+class SceneEventKind(Enum):
     """What a look can bring about an object."""
 
     STORED = "seen for the first time, and grasps of it stored"
@@ -29,7 +29,7 @@ class News(Enum):
 class SceneEvent(NamedTuple):
     """What happened to one object at one look; ``words`` say why or by how much."""
 
-    news: News
+    kind: SceneEventKind
     name: str
     words: str
 
@@ -94,7 +94,7 @@ class KnownObject:
 
 
 @dataclass(frozen=True, eq=False)
-class SceneMemory:
+class SceneState:
     """All known objects and the library of their grasps.
 
     Attributes:
@@ -134,20 +134,20 @@ class SceneMemory:
         """Return for how long each object has not been seen unhidden [s]."""
         return {name: now - known.stamp for name, known in self.objects.items()}
 
-    def with_object(self, known: KnownObject) -> SceneMemory:
+    def with_object(self, known: KnownObject) -> SceneState:
         """Return the memory with this object on the table, new or in place of that of its name."""
         grips = {name: grip for name, grip in self.grips.items() if name != known.name}
         objects = {**self.objects, known.name: known}
         return replace(self, objects=objects, grips=grips, held=self.held - {known.name})
 
-    def with_held(self, name: str, X_WO: Pose) -> SceneMemory:
+    def with_held(self, name: str, X_WO: Pose) -> SceneState:
         """Return the memory with an object in the hand."""
         objects = {**self.objects, name: self.objects[name].at(X_WO)}
         return replace(self, objects=objects, held=self.held | {name})
 
-    def without(self, name: str) -> SceneMemory:
+    def without(self, name: str) -> SceneState:
         """Return the memory without an object and its grasps."""
         objects = {other: known for other, known in self.objects.items() if other != name}
         grips = {other: grip for other, grip in self.grips.items() if other != name}
         library = self.library.without(name) if name in self.library else self.library
-        return SceneMemory(objects, library, grips, self.held - {name})
+        return SceneState(objects, library, grips, self.held - {name})

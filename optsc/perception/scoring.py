@@ -9,7 +9,7 @@ import numpy as np
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage
 from optsc.geometry.rotation import Array
-from optsc.perception.pose_hypotheses import Guesses
+from optsc.perception.pose_hypotheses import PoseHypotheses
 from optsc.perception.templates import Template
 
 
@@ -82,7 +82,7 @@ def free_space(
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """How guesses (B) fit; all arrays (B,).
+    """How hypotheses (B) fit; all arrays (B,).
 
     Attributes:
         score: `closeness` less `violations`; 1 is perfect.
@@ -104,14 +104,14 @@ class Fit:
         return Fit(*(a[index] for a in arrays))  # type: ignore[call-overload]
 
 
-def closeness(guesses: Guesses, points: Array, template: Template, tolerance: float) -> Array:
-    """Return the seen points' half of the score alone (B,): cheap enough for thousands of guesses."""
-    d, _ = template.field.lookup(guesses.to_object(points))
+def closeness(hypotheses: PoseHypotheses, points: Array, template: Template, tolerance: float) -> Array:
+    """Return the seen points' half of the score alone (B,): cheap enough for thousands of hypotheses."""
+    d, _ = template.field.lookup(hypotheses.to_object(points))
     return np.clip(1.0 - (d / tolerance) ** 2, 0.0, None).mean(axis=1)
 
 
 def fit(
-    guesses: Guesses,
+    hypotheses: PoseHypotheses,
     points: Array,
     template: Template,
     space: FreeSpace,
@@ -120,10 +120,10 @@ def fit(
     table_height: float,
     count: int,
 ) -> Fit:
-    """Return how ``guesses`` of ``template`` fit the measured ``points`` (M, 3) and the free space.
+    """Return how ``hypotheses`` of ``template`` fit the measured ``points`` (M, 3) and the free space.
 
     Args:
-        guesses: X_WO.
+        hypotheses: X_WO.
         points: measured (M, 3) [m], in W.
         template: the shape.
         space: what the image says about free space.
@@ -131,29 +131,31 @@ def fit(
         table_height: of the table in W [m].
         count: of the template's points to look for in the image.
     """
-    d, _ = template.field.lookup(guesses.to_object(points))
+    d, _ = template.field.lookup(hypotheses.to_object(points))
     square = (d / tolerance) ** 2
     near = square <= 1.0
     inliers = near.mean(axis=1)
     residual = tolerance * np.sqrt((square * near).sum(axis=1) / np.maximum(near.sum(axis=1), 1))
     close = np.clip(1.0 - square, 0.0, None).mean(axis=1)
-    placed = guesses.to_world(template.points[:count])
+    placed = hypotheses.to_world(template.points[:count])
     through, seen = space.judge(placed)
     through |= placed[..., 2] < table_height - space.tolerance
     violations = through.sum(axis=1) / np.maximum((through | seen).sum(axis=1), 1)
     return Fit(close - violations, close, inliers, residual, violations)
 
 
-def shape_distance(guesses: Guesses, other: Guesses, template: Template, count: int = 300) -> Array:
-    """Return how far the template's surface at ``other`` (one guess) sticks out of that at ``guesses`` (B,) [m].
+def shape_distance(
+    hypotheses: PoseHypotheses, other: PoseHypotheses, template: Template, count: int = 300
+) -> Array:
+    """Return how far the template's surface at ``other`` (one pose) sticks out of that at ``hypotheses`` (B,) [m].
 
     The mean over the twentieth of the points that sticks out farthest, in the worse of the two directions: zero for
     poses that a symmetry makes equal, and large for a mug whose handle alone has turned.
     """
     points = template.points[:count]
     there = other.to_world(points)[0]
-    out, _ = template.field.lookup(guesses.to_object(there))
-    back, _ = template.field.lookup((guesses.to_world(points) - other.t[0]) @ other.R[0])
+    out, _ = template.field.lookup(hypotheses.to_object(there))
+    back, _ = template.field.lookup((hypotheses.to_world(points) - other.t[0]) @ other.R[0])
     worst = max(count // 20, 1)
     return np.maximum(*(np.sort(np.abs(d), axis=1)[:, -worst:].mean(axis=1) for d in (out, back)))
 
@@ -161,15 +163,15 @@ def shape_distance(guesses: Guesses, other: Guesses, template: Template, count: 
 _FACING = 0.1  # cosine; what is seen at a more grazing angle is seen or not by chance
 
 
-def self_visible(template: Template, guess: Guesses, space: FreeSpace) -> np.ndarray:
+def self_visible(template: Template, hypothesis: PoseHypotheses, space: FreeSpace) -> np.ndarray:
     """Return which of the template's points (N,) bool the camera would see if nothing else were there.
 
     Those that face it and have no other point of the template in front, in an image whose pixels are as large as the
     points are apart.
     """
     camera, X_WC = space.image.camera, space.image.X_WC
-    local = X_WC.inverse().apply(guess.to_world(template.points)[0])
-    normals = template.normals @ guess.R[0].T @ X_WC.rotation_matrix()
+    local = X_WC.inverse().apply(hypothesis.to_world(template.points)[0])
+    normals = template.normals @ hypothesis.R[0].T @ X_WC.rotation_matrix()
     z = local[:, 2]
     facing = -(normals * local).sum(axis=1) > _FACING * np.linalg.norm(local, axis=1)
     if not (z > 1e-6).all():
@@ -182,16 +184,16 @@ def self_visible(template: Template, guess: Guesses, space: FreeSpace) -> np.nda
     return np.asarray(facing & (z <= nearest[row, column] + 1.5 * space.tolerance))
 
 
-def visible_fraction(template: Template, guess: Guesses, space: FreeSpace) -> float:
+def visible_fraction(template: Template, hypothesis: PoseHypotheses, space: FreeSpace) -> float:
     """Return the share of what the camera would see of the template alone that it did see, 0 to 1."""
-    shown = self_visible(template, guess, space)
-    _, seen = space.judge(guess.to_world(template.points)[0])
-    total = _weights(template, guess, space)[shown].sum()
-    return float(_weights(template, guess, space)[shown & seen].sum() / total) if total > 0.0 else 0.0
+    shown = self_visible(template, hypothesis, space)
+    _, seen = space.judge(hypothesis.to_world(template.points)[0])
+    total = _weights(template, hypothesis, space)[shown].sum()
+    return float(_weights(template, hypothesis, space)[shown & seen].sum() / total) if total > 0.0 else 0.0
 
 
-def _weights(template: Template, guess: Guesses, space: FreeSpace) -> Array:
+def _weights(template: Template, hypothesis: PoseHypotheses, space: FreeSpace) -> Array:
     """Return the area that each point stands for in the image, but for a factor (N,)."""
-    towards = space.image.X_WC.translation - guess.to_world(template.points)[0]
+    towards = space.image.X_WC.translation - hypothesis.to_world(template.points)[0]
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-    return np.clip(((template.normals @ guess.R[0].T) * towards).sum(axis=1), 0.0, None)
+    return np.clip(((template.normals @ hypothesis.R[0].T) * towards).sum(axis=1), 0.0, None)

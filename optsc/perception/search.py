@@ -10,7 +10,7 @@ import numpy as np
 
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.perception.pose_hypotheses import Guesses, free_starts, resting_starts
+from optsc.perception.pose_hypotheses import PoseHypotheses, free_starts, resting_starts
 from optsc.perception.refinement import FREE, METHODS, PLANAR, Method, aligned, refined
 from optsc.perception.scoring import Fit, FreeSpace, closeness, fit, shape_distance
 from optsc.perception.templates import Template
@@ -66,7 +66,7 @@ class SearchSettings:
             raise InvalidValue("SearchSettings.method", self.method, f"one of {', '.join(METHODS)}")
 
 
-class View(NamedTuple):
+class SegmentEvidence(NamedTuple):
     """What is searched in: averaged points of one segment and what the image says around them."""
 
     points: Array
@@ -78,17 +78,17 @@ class View(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
-    """Guesses of one template's pose with how they fit, best first."""
+class RankedHypotheses:
+    """PoseHypotheses of one template's pose with how they fit, best first."""
 
     template: Template
-    guesses: Guesses
+    hypotheses: PoseHypotheses
     fit: Fit
 
     @property
     def best(self) -> float:
         """The best score; minus infinity if there are none."""
-        return float(self.fit.score[0]) if len(self.guesses) else -np.inf
+        return float(self.fit.score[0]) if len(self.hypotheses) else -np.inf
 
 
 def averaged(points: Array, settings: SearchSettings, rng: np.random.Generator) -> Array:
@@ -103,10 +103,10 @@ def averaged(points: Array, settings: SearchSettings, rng: np.random.Generator) 
 
 def resting_candidates(
     templates: Sequence[Template],
-    view: View,
+    view: SegmentEvidence,
     settings: SearchSettings,
-    extra: dict[str, Guesses] | None = None,
-) -> list[Candidates]:
+    extra: dict[str, PoseHypotheses] | None = None,
+) -> list[RankedHypotheses]:
     """Return refined candidates of the templates that may fit, resting on the table; none of the others.
 
     Args:
@@ -124,16 +124,16 @@ def resting_candidates(
         template = candidates.template
         if extra and template.name in extra:
             fine.append(_rough(template, extra[template.name], view, settings, FREE))
-    return [_refined(candidates, view, settings) for candidates in fine if len(candidates.guesses)]
+    return [_refined(candidates, view, settings) for candidates in fine if len(candidates.hypotheses)]
 
 
 def free_candidates(
     templates: Sequence[Template],
-    view: View,
+    view: SegmentEvidence,
     settings: SearchSettings,
     rng: np.random.Generator,
-    known: Sequence[Candidates] = (),
-) -> list[Candidates]:
+    known: Sequence[RankedHypotheses] = (),
+) -> list[RankedHypotheses]:
     """Return refined candidates in any position, such as leaning or on another thing.
 
     Args:
@@ -149,26 +149,33 @@ def free_candidates(
         starts = [free_starts(template, view.points, view.eye, settings.free_rotations, rng)]
         for candidates in known:
             if candidates.template is template:
-                starts.append(_around(candidates.guesses, view, rng, settings.free_rotations))
-        rough.append(_rough(template, Guesses.joined(starts), view, settings, FREE))
+                starts.append(_around(candidates.hypotheses, view, rng, settings.free_rotations))
+        rough.append(_rough(template, PoseHypotheses.joined(starts), view, settings, FREE))
     fine = _fine(rough, view, settings, FREE)
-    return [_refined(candidates, view, settings) for candidates in fine if len(candidates.guesses)]
+    return [_refined(candidates, view, settings) for candidates in fine if len(candidates.hypotheses)]
 
 
-def _around(guesses: Guesses, view: View, rng: np.random.Generator, count: int) -> Guesses:
-    """Return about ``count`` guesses near the given ones."""
-    copies = np.repeat(np.arange(len(guesses)), -(-count // len(guesses)))
+def _around(
+    hypotheses: PoseHypotheses, view: SegmentEvidence, rng: np.random.Generator, count: int
+) -> PoseHypotheses:
+    """Return about ``count`` hypotheses near the given ones."""
+    copies = np.repeat(np.arange(len(hypotheses)), -(-count // len(hypotheses)))
     turn = rng.normal(0.0, 1.0, (len(copies), 3)) * _NEARBY_TURN
     shift = rng.normal(0.0, 1.0, (len(copies), 3)) * _NEARBY_SHIFT
-    return guesses[copies].moved(turn, shift, view.points.mean(axis=0))
+    return hypotheses[copies].moved(turn, shift, view.points.mean(axis=0))
 
 
 def judged(
-    guesses: Guesses, template: Template, view: View, settings: SearchSettings, points: int, surface: int
+    hypotheses: PoseHypotheses,
+    template: Template,
+    view: SegmentEvidence,
+    settings: SearchSettings,
+    points: int,
+    surface: int,
 ) -> Fit:
-    """Return how the guesses fit the first ``points`` seen points, with ``surface`` points of the template."""
+    """Return how the hypotheses fit the first ``points`` seen points, with ``surface`` points of the template."""
     return fit(
-        guesses,
+        hypotheses,
         view.points[:points],
         template,
         view.space,
@@ -179,8 +186,12 @@ def judged(
 
 
 def _rough(
-    template: Template, starts: Guesses, view: View, settings: SearchSettings, freedom: tuple[int, ...]
-) -> Candidates:
+    template: Template,
+    starts: PoseHypotheses,
+    view: SegmentEvidence,
+    settings: SearchSettings,
+    freedom: tuple[int, ...],
+) -> RankedHypotheses:
     """Return the best starts after a few steps on few points."""
     tolerance = settings.tolerance
     few = closeness(starts, view.points[:50], template, 3.0 * tolerance)
@@ -201,8 +212,11 @@ def _rough(
 
 
 def _fine(
-    rough: Sequence[Candidates], view: View, settings: SearchSettings, freedom: tuple[int, ...]
-) -> list[Candidates]:
+    rough: Sequence[RankedHypotheses],
+    view: SegmentEvidence,
+    settings: SearchSettings,
+    freedom: tuple[int, ...],
+) -> list[RankedHypotheses]:
     """Return the candidates of the templates that are not left far behind, after more steps on more points."""
     best = max((candidates.best for candidates in rough), default=-np.inf)
     result = []
@@ -211,38 +225,42 @@ def _fine(
             continue
         reaches = tuple(settings.tolerance * r for r in _NEAR)
         template = candidates.template
-        moved = aligned(candidates.guesses, view.points[:160], template.field, reaches, freedom=freedom)
+        moved = aligned(candidates.hypotheses, view.points[:160], template.field, reaches, freedom=freedom)
         found = judged(moved, template, view, settings, 250, 250)
         ordered = _sorted(template, moved, found, settings.fine)
         kept = _distinct(ordered, settings)
-        result.append(Candidates(template, ordered.guesses[kept], ordered.fit[kept]))
+        result.append(RankedHypotheses(template, ordered.hypotheses[kept], ordered.fit[kept]))
     return result
 
 
-def _refined(candidates: Candidates, view: View, settings: SearchSettings) -> Candidates:
+def _refined(
+    candidates: RankedHypotheses, view: SegmentEvidence, settings: SearchSettings
+) -> RankedHypotheses:
     """Return the candidates after ICP in all directions, judged with everything; ICP has to make a pose better."""
-    template, before = candidates.template, candidates.guesses
+    template, before = candidates.template, candidates.hypotheses
     after = refined(before, view.points, template, settings.method, 1.6 * settings.tolerance)
-    both = Guesses.joined([before, after])
+    both = PoseHypotheses.joined([before, after])
     found = judged(both, template, view, settings, settings.most_points, len(template.points))
     n = len(before)
     better = np.where(found.score[n:] > found.score[:n], np.arange(n, 2 * n), np.arange(n))
     return _sorted(template, both[better], found[better], n)
 
 
-def _distinct(candidates: Candidates, settings: SearchSettings) -> np.ndarray:
+def _distinct(candidates: RankedHypotheses, settings: SearchSettings) -> np.ndarray:
     """Return the indices of the best candidates that differ in shape from all better ones."""
     kept: list[int] = []
-    open_ = np.ones(len(candidates.guesses), dtype=bool)
+    open_ = np.ones(len(candidates.hypotheses), dtype=bool)
     while open_.any() and len(kept) < settings.refined:
         index = int(np.argmax(open_))
         kept.append(index)
-        apart = shape_distance(candidates.guesses, candidates.guesses[[index]], candidates.template, 150)
+        apart = shape_distance(
+            candidates.hypotheses, candidates.hypotheses[[index]], candidates.template, 150
+        )
         open_ &= apart > settings.distinct
         open_[index] = False
     return np.array(kept, dtype=int)
 
 
-def _sorted(template: Template, guesses: Guesses, found: Fit, count: int) -> Candidates:
+def _sorted(template: Template, hypotheses: PoseHypotheses, found: Fit, count: int) -> RankedHypotheses:
     order = np.argsort(-found.score, kind="stable")[:count]
-    return Candidates(template, guesses[order], found[order])
+    return RankedHypotheses(template, hypotheses[order], found[order])

@@ -16,7 +16,7 @@ from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage
 from optsc.geometry.rotation import Array
 from optsc.perception.segments import Segment, segment_from_pixels
-from optsc.perception.table import Table, find_table
+from optsc.perception.table import TablePlane, find_table
 
 RIM = 0.025
 """The inner side of a hollow thing comes this close to the outer one at its rim [m]."""
@@ -68,7 +68,7 @@ class SegmentationSettings:
             raise InvalidValue("SegmentationSettings.normal_window", self.normal_window, "odd, at least 3")
 
 
-class Dropped(NamedTuple):
+class DroppedCluster(NamedTuple):
     """A cluster that was not taken for an object: how many pixels it had, and why."""
 
     pixels: int
@@ -86,8 +86,8 @@ class Segmentation:
     """
 
     segments: tuple[Segment, ...]
-    dropped: tuple[Dropped, ...]
-    table: Table
+    dropped: tuple[DroppedCluster, ...]
+    table: TablePlane
 
 
 def segment(
@@ -124,8 +124,8 @@ def segmented(
     if arm.shape != image.depth.shape or arm.dtype != np.bool_:
         raise InvalidValue("robot_mask", f"{arm.dtype}{arm.shape}", f"bool, shape {image.depth.shape}")
     if not image.measured.any():
-        level = Table(np.array([0.0, 0.0, 1.0]), float(table_height or 0.0), False)
-        return Segmentation((), (Dropped(0, "nothing was measured in the whole image"),), level)
+        level = TablePlane(np.array([0.0, 0.0, 1.0]), float(table_height or 0.0), False)
+        return Segmentation((), (DroppedCluster(0, "nothing was measured in the whole image"),), level)
     table = find_table(image, table_height)
     height = table.heights(image)
     above = (height > settings.lowest) & (height < settings.highest) & ~arm
@@ -141,19 +141,24 @@ def segmented(
         )
         size = float(np.linalg.norm(np.ptp(found.cloud.points, axis=0))) if len(found.cloud) else 0.0
         if size > settings.largest:
-            dropped.append(Dropped(len(found.cloud), f"{size:.2f} m long, more than {settings.largest} m"))
+            dropped.append(
+                DroppedCluster(len(found.cloud), f"{size:.2f} m long, more than {settings.largest} m")
+            )
         elif len(found.cloud):
             segments.append(found)
     segments.sort(key=lambda s: -len(s.cloud))
     return Segmentation(tuple(segments), tuple(dropped), table)
 
 
-def _without_small(labels: np.ndarray, settings: SegmentationSettings) -> tuple[np.ndarray, list[Dropped]]:
+def _without_small(
+    labels: np.ndarray, settings: SegmentationSettings
+) -> tuple[np.ndarray, list[DroppedCluster]]:
     """Return the labels with small clusters taken out and the others numbered from 0, -1 for none."""
     counts = np.bincount(labels[labels >= 0])
     kept = counts >= settings.smallest
     dropped = [
-        Dropped(int(count), f"fewer than {settings.smallest} pixels") for count in counts[~kept].tolist()
+        DroppedCluster(int(count), f"fewer than {settings.smallest} pixels")
+        for count in counts[~kept].tolist()
     ]
     number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
     return number[labels], sorted(dropped, key=lambda d: -d.pixels)

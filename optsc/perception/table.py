@@ -19,7 +19,7 @@ FEWEST = 200
 _MOST, _ROUNDS, _BIN = 20_000, 4, 0.01
 
 
-class Table(NamedTuple):
+class TablePlane(NamedTuple):
     """A plane: points p in W with normal . p = offset.
 
     Attributes:
@@ -42,7 +42,7 @@ class Table(NamedTuple):
         return image.depth * slope + (float(self.normal @ image.X_WC.translation) - self.offset)
 
 
-def find_table(image: DepthImage, expected: float | None = 0.0) -> Table:
+def find_table(image: DepthImage, expected: float | None = 0.0) -> TablePlane:
     """Return the plane of the table, fitted to the points near the expected height.
 
     Least squares with what is farther than 2.5 deviations left out, again and again. The expected plane is
@@ -66,7 +66,7 @@ def find_table(image: DepthImage, expected: float | None = 0.0) -> Table:
     )
     points = image.X_WC.apply(points_C)
     height = _commonest_height(points[:, 2]) if expected is None else float(expected)
-    level = Table(np.array([0.0, 0.0, 1.0]), height, False)
+    level = TablePlane(np.array([0.0, 0.0, 1.0]), height, False)
     near = points[np.abs(points[:, 2] - height) < NEAR_TABLE]
     for _ in range(_ROUNDS):
         if len(near) < FEWEST:
@@ -79,7 +79,7 @@ def find_table(image: DepthImage, expected: float | None = 0.0) -> Table:
     length = float(np.linalg.norm(normal))
     if np.arctan(np.hypot(plane[0], plane[1])) > LARGEST_TILT:
         return level
-    return Table(normal / length, float(plane[2]) / length, True)
+    return TablePlane(normal / length, float(plane[2]) / length, True)
 
 
 def _commonest_height(z: Array) -> float:

@@ -190,10 +190,10 @@ def catalogue_templates(names: Sequence[str] | None = None) -> tuple[Template, .
 def _check_size(name: str, mesh: TriangleMesh) -> None:
     longest = float(mesh.extents.max())
     if longest > LARGEST:
-        guess = "it looks like millimetres, so scale it by 0.001 (unit=0.001)"
+        hint = "it looks like millimetres, so scale it by 0.001 (unit=0.001)"
         if longest < 3.0 * LARGEST:
-            guess = "perhaps it is in another unit"
-        raise InvalidValue(f"longest edge of template {name}", longest, f"at most {LARGEST} m; {guess}")
+            hint = "perhaps it is in another unit"
+        raise InvalidValue(f"longest edge of template {name}", longest, f"at most {LARGEST} m; {hint}")
     if longest < SMALLEST:
         raise InvalidValue(
             f"longest edge of template {name}", longest, f"at least {SMALLEST} m; perhaps it was scaled twice"

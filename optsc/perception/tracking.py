@@ -16,7 +16,7 @@ import numpy as np
 from optsc.geometry import DepthImage, Pose
 from optsc.geometry.rotation import Array
 from optsc.perception.occlusion import view_is_clear
-from optsc.perception.scene_state import Grip, KnownObject, News, SceneEvent, SceneMemory
+from optsc.perception.scene_state import Grip, KnownObject, SceneEvent, SceneEventKind, SceneState
 from optsc.perception.segments import Segment
 from optsc.perception.templates import Template
 from optsc.robot import Gripper
@@ -39,7 +39,7 @@ POINTS = 600
 """Points that are looked up at most."""
 
 
-class Presence(Enum):
+class ExpectedVisibility(Enum):
     """What a view says about an object that is known."""
 
     THERE = "still there"
@@ -47,7 +47,7 @@ class Presence(Enum):
     GONE = "seen through"
 
 
-def presence(known: KnownObject, image: DepthImage, robot_depth: Array) -> Presence:
+def presence(known: KnownObject, image: DepthImage, robot_depth: Array) -> ExpectedVisibility:
     """Return whether ``known`` is where it was seen last, as far as ``image`` tells.
 
     Hidden comes first: an object that the arm is in front of, or close beside in the image, is not judged at all.
@@ -61,18 +61,18 @@ def presence(known: KnownObject, image: DepthImage, robot_depth: Array) -> Prese
         InvalidValue: images of different sizes.
     """
     if not view_is_clear(known.pixels, robot_depth, known.image).clear:
-        return Presence.HIDDEN
+        return ExpectedVisibility.HIDDEN
     expected, measured = _depths(_few(known.seen), image)
     judged = np.isfinite(measured)
     if judged.mean() < FEWEST:
-        return Presence.HIDDEN
+        return ExpectedVisibility.HIDDEN
     farther = measured[judged] - expected[judged]
     if np.mean(farther > TOLERANCE) > SEEN_THROUGH:
-        return Presence.GONE
-    return Presence.HIDDEN if np.mean(farther < -TOLERANCE) > IN_FRONT else Presence.THERE
+        return ExpectedVisibility.GONE
+    return ExpectedVisibility.HIDDEN if np.mean(farther < -TOLERANCE) > IN_FRONT else ExpectedVisibility.THERE
 
 
-def presence_at(known: KnownObject, X_WO: Pose, image: DepthImage) -> Presence:
+def presence_at(known: KnownObject, X_WO: Pose, image: DepthImage) -> ExpectedVisibility:
     """Return whether ``known`` may be at another pose, such as where the hand would have carried it.
 
     There: nothing speaks against it. Gone: the camera sees through most of it. Hidden: too little can be judged.
@@ -80,9 +80,9 @@ def presence_at(known: KnownObject, X_WO: Pose, image: DepthImage) -> Presence:
     expected, measured = _depths(_few(X_WO.apply(known.cloud.points)), image)
     judged = np.isfinite(measured)
     if judged.mean() < FEWEST:
-        return Presence.HIDDEN
+        return ExpectedVisibility.HIDDEN
     farther = measured[judged] - expected[judged]
-    return Presence.GONE if np.mean(farther > CARRIED) > MOSTLY else Presence.THERE
+    return ExpectedVisibility.GONE if np.mean(farther > CARRIED) > MOSTLY else ExpectedVisibility.THERE
 
 
 def share_shown(
@@ -142,15 +142,17 @@ def share_between_jaws(points_T: np.ndarray, gripper: Gripper) -> float:
 
 
 def with_grips(
-    memory: SceneMemory, found: Mapping[str, Presence], X_WT: Pose, gripper: Gripper
-) -> SceneMemory:
+    memory: SceneState, found: Mapping[str, ExpectedVisibility], X_WT: Pose, gripper: Gripper
+) -> SceneState:
     """Return the memory in which what is between the jaws is noted, at the hand's deepest reach for it.
 
     Later the hand may have carried it away unseen. What is seen where it was is in no hand.
     """
-    grips = {name: grip for name, grip in memory.grips.items() if found.get(name) is not Presence.THERE}
+    grips = {
+        name: grip for name, grip in memory.grips.items() if found.get(name) is not ExpectedVisibility.THERE
+    }
     for name, state in found.items():
-        if state is not Presence.HIDDEN:
+        if state is not ExpectedVisibility.HIDDEN:
             continue
         X_TO = X_WT.inverse() @ memory.objects[name].X_WO
         share = share_between_jaws(X_TO.apply(memory.objects[name].cloud.points), gripper)
@@ -159,7 +161,7 @@ def with_grips(
     return replace(memory, grips=grips)
 
 
-class Hand(NamedTuple):
+class TrackingResult(NamedTuple):
     """What the hand has to do with what is known.
 
     Attributes:
@@ -169,13 +171,13 @@ class Hand(NamedTuple):
         events: what it has taken just now.
     """
 
-    memory: SceneMemory
+    memory: SceneState
     lost: frozenset[str]
     unsure: frozenset[str]
     events: tuple[SceneEvent, ...]
 
 
-def hand(memory: SceneMemory, gone: frozenset[str], X_WT: Pose, image: DepthImage) -> Hand:
+def hand(memory: SceneState, gone: frozenset[str], X_WT: Pose, image: DepthImage) -> TrackingResult:
     """Return what the hand has taken, and what is lost then.
 
     Args:
@@ -189,13 +191,15 @@ def hand(memory: SceneMemory, gone: frozenset[str], X_WT: Pose, image: DepthImag
     for name in sorted(memory.held | (gone & memory.grips.keys())):
         X_WO = X_WT @ memory.grips[name].X_TO
         there = presence_at(memory.objects[name], X_WO, image)
-        if there is Presence.GONE:
+        if there is ExpectedVisibility.GONE:
             lost.add(name)
             continue
-        if there is Presence.HIDDEN:
+        if there is ExpectedVisibility.HIDDEN:
             unsure.add(name)
         if name not in memory.held:
-            events.append(SceneEvent(News.TAKEN, name, "its place is empty, and it was between the jaws"))
+            events.append(
+                SceneEvent(SceneEventKind.TAKEN, name, "its place is empty, and it was between the jaws")
+            )
         memory = memory.with_held(name, X_WO)
         lost.discard(name)
-    return Hand(memory, frozenset(lost), frozenset(unsure), tuple(events))
+    return TrackingResult(memory, frozenset(lost), frozenset(unsure), tuple(events))

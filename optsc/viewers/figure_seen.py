@@ -9,14 +9,14 @@ import numpy as np
 from optsc.geometry import DepthImage
 from optsc.geometry.rotation import Array
 from optsc.grasps import GraspSet
-from optsc.perception import KnownObject, SceneMemory
+from optsc.perception import KnownObject, SceneState
 from optsc.viewers.figure_grasps import fork_lines
 
 INK, SEEN, FILLED_IN, DOUBTFUL = "#24292f", "#1d6f8a", "#d08a2e", "#c04a60"
 _COLOURS = "tab10"
 
 
-def seen_figure(memory: SceneMemory, image: DepthImage) -> Any:
+def seen_figure(memory: SceneState, image: DepthImage) -> Any:
     """Return a figure of four views: measured depth, what is known over it, clouds and grasps in W.
 
     Args:
@@ -58,7 +58,7 @@ def _draw_depth(figure: Any, axes: Any, image: DepthImage) -> None:
     axes.set_title("measured depth, white where nothing was measured", fontsize=10, color=INK)
 
 
-def _draw_objects(axes: Any, memory: SceneMemory, image: DepthImage) -> None:
+def _draw_objects(axes: Any, memory: SceneState, image: DepthImage) -> None:
     """Draw the silhouettes over a grey depth image, with all of the template as it is placed in each."""
     from matplotlib import colormaps
 
@@ -97,7 +97,7 @@ def _draw_objects(axes: Any, memory: SceneMemory, image: DepthImage) -> None:
     axes.set_title(title, fontsize=10, color=INK)
 
 
-def _crop(axes: Any, memory: SceneMemory, image: DepthImage) -> None:
+def _crop(axes: Any, memory: SceneState, image: DepthImage) -> None:
     """Show the objects with something around them, in the shape of the image."""
     height, width = image.depth.shape
     shown = np.zeros(image.depth.shape, dtype=bool)
@@ -125,7 +125,7 @@ def _draw_cloud(axes: Any, known: KnownObject, quiet: bool = False) -> None:
         axes.scatter(*known.X_WO.apply(few).T, s=1.6, color=shown, alpha=0.7, linewidths=0, depthshade=False)
 
 
-def _draw_grasps(figure: Any, axes: Any, memory: SceneMemory) -> int:
+def _draw_grasps(figure: Any, axes: Any, memory: SceneState) -> int:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
@@ -149,7 +149,7 @@ def _draw_grasps(figure: Any, axes: Any, memory: SceneMemory) -> int:
     return len(quality)
 
 
-def _extent(memory: SceneMemory) -> tuple[Array, Array]:
+def _extent(memory: SceneState) -> tuple[Array, Array]:
     """Return the corners (3,) [m] of a cube around the objects."""
     points = [known.X_WO.apply(known.cloud.points) for known in memory.objects.values()]
     every = np.concatenate([np.zeros((0, 3)), *points]) if points else np.array([[0.5, 0.0, 0.0]])

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from optsc.errors import InvalidValue
 from optsc.geometry import PointCloud, Pose
-from optsc.perception import catalogue_template, completed, template_from_mesh
+from optsc.perception import catalogue_template, complete_cloud, template_from_mesh
 from optsc.perception.completion import even_points
 from optsc.sim.objects.solids import cuboid
 
@@ -27,7 +27,7 @@ def view(box):
 
 def test_seen_points_come_first_and_unseen_ones_are_on_the_template(box, view):
     _, cloud = view
-    whole = completed(cloud, box, X_WO)
+    whole = complete_cloud(cloud, box, X_WO)
     seen = whole.seen
     np.testing.assert_allclose(whole.points[seen], X_WO.inverse().apply(cloud.points), atol=1e-12)
     off = np.abs(box.field.lookup(whole.points[~seen])[0])
@@ -40,7 +40,7 @@ def test_seen_points_come_first_and_unseen_ones_are_on_the_template(box, view):
 @pytest.mark.parametrize("spacing", [0.0025, 0.005])
 def test_the_whole_surface_is_covered_as_densely_as_asked_for(box, view, spacing):
     _, cloud = view
-    whole = completed(cloud, box, X_WO, spacing=spacing)
+    whole = complete_cloud(cloud, box, X_WO, spacing=spacing)
     gaps, _ = cKDTree(whole.points).query(even_points(box.mesh, 0.001)[0])
     assert gaps.max() <= 0.004 + spacing
     apart = cKDTree(whole.points[~whole.seen]).query(whole.points[~whole.seen], k=2)[0][:, 1]
@@ -52,7 +52,7 @@ def test_of_a_thin_wall_the_side_that_was_not_seen_is_filled_in():
     points, normals = even_points(wall.mesh, 0.002)
     front = normals[:, 1] > 0.9
     cloud = PointCloud(points[front], normals[front])
-    whole = completed(cloud, wall, Pose.identity())
+    whole = complete_cloud(cloud, wall, Pose.identity())
     back = (~whole.seen) & (whole.normals[:, 1] < -0.9)
     gaps, _ = cKDTree(whole.points[back]).query(points[normals[:, 1] < -0.9])
     assert gaps.max() < 0.004
@@ -61,7 +61,7 @@ def test_of_a_thin_wall_the_side_that_was_not_seen_is_filled_in():
 
 def test_the_sides_away_from_the_camera_are_filled_in(box, view):
     _, cloud = view
-    whole = completed(cloud, box, X_WO)
+    whole = complete_cloud(cloud, box, X_WO)
     eye = X_WO.inverse().apply(X_WC.translation)
     facing = ((eye - whole.points) * whole.normals).sum(axis=1) > 0.0
     assert facing[whole.seen].mean() > 0.95
@@ -71,7 +71,7 @@ def test_the_sides_away_from_the_camera_are_filled_in(box, view):
 
 def test_normals_point_outwards(box, view):
     _, cloud = view
-    whole = completed(cloud, box, X_WO)
+    whole = complete_cloud(cloud, box, X_WO)
     outside = box.field.lookup(whole.points + 0.003 * whole.normals)[0]
     assert (outside > 0.0).mean() > 0.99
 
@@ -79,29 +79,29 @@ def test_normals_point_outwards(box, view):
 def test_points_that_were_seen_through_are_left_out(box, view):
     image, cloud = view
     beside = Pose.from_translation([0.0, 0.0, 0.0]) @ upright(0.4, 0.02, 0.12)
-    free = completed(cloud, box, beside, image=image)
-    blind = completed(cloud, box, beside)
+    free = complete_cloud(cloud, box, beside, image=image)
+    blind = complete_cloud(cloud, box, beside)
     assert (~free.seen).sum() < 0.5 * (~blind.seen).sum()
 
 
 def test_seen_points_of_something_else_are_left_out(box, view):
     _, cloud = view
     other = PointCloud.joined(cloud, PointCloud(cloud.points[:50] + [0.0, 0.0, 0.3]))
-    assert completed(other, box, X_WO).seen.sum() == len(cloud)
+    assert complete_cloud(other, box, X_WO).seen.sum() == len(cloud)
 
 
 def test_what_the_alternatives_do_not_agree_about_is_not_filled_in():
     mug = catalogue_template("mug")
     nothing = PointCloud(np.zeros((0, 3)))
-    body = completed(nothing, mug, upright(0.0), alternatives=[upright(1.0)])
+    body = complete_cloud(nothing, mug, upright(0.0), alternatives=[upright(1.0)])
     assert np.hypot(*body.points[:, :2].T).max() < 0.041  # the handle reaches to 0.068
-    everything = completed(nothing, mug, upright(0.0), alternatives=[upright(0.0)])
+    everything = complete_cloud(nothing, mug, upright(0.0), alternatives=[upright(0.0)])
     assert len(everything) == len(even_points(mug.mesh, 0.0025)[0])
     assert len(body) > 0.8 * len(everything)
 
 
 def test_an_empty_cloud_gives_the_template(box):
-    whole = completed(PointCloud(np.zeros((0, 3))), box, X_WO)
+    whole = complete_cloud(PointCloud(np.zeros((0, 3))), box, X_WO)
     assert not whole.seen.any()
     np.testing.assert_array_equal(whole.points, even_points(box.mesh, 0.0025)[0])
 
@@ -109,9 +109,9 @@ def test_an_empty_cloud_gives_the_template(box):
 @pytest.mark.parametrize("field", ["spacing", "distance", "outlier"])
 def test_a_length_of_nothing_is_refused(box, field):
     with pytest.raises(InvalidValue, match=field):
-        completed(PointCloud(np.zeros((0, 3))), box, X_WO, **{field: 0.0})
+        complete_cloud(PointCloud(np.zeros((0, 3))), box, X_WO, **{field: 0.0})
 
 
 def test_a_spacing_that_cannot_have_been_meant_is_refused(box):
     with pytest.raises(InvalidValue, match="spacing"):
-        completed(PointCloud(np.zeros((0, 3))), box, X_WO, spacing=1e-5)
+        complete_cloud(PointCloud(np.zeros((0, 3))), box, X_WO, spacing=1e-5)

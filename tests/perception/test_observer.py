@@ -9,11 +9,11 @@ from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, Pose, rotation
 from optsc.ik.batch import solve_ik
 from optsc.perception import (
-    News,
     ObserverSettings,
-    Recognised,
-    SceneMemory,
+    RegisteredSegment,
+    SceneEventKind,
     SceneObserver,
+    SceneState,
     add_s,
     catalogue_templates,
     register,
@@ -60,7 +60,7 @@ class Stage:
 
     def look(self, memory, q=None, **moved):
         image = self.image(q, **moved)
-        return self.observer.look(memory, image, self.robot.home if q is None else q)
+        return self.observer.observe(memory, image, self.robot.home if q is None else q)
 
     def posture(self, p, R=DOWN):
         """Return a posture with the tool at a place, pointing straight down."""
@@ -94,8 +94,8 @@ def stage(robot, templates):
 
 @pytest.fixture(scope="module")
 def first(stage):
-    memory, events = stage.look(SceneMemory())
-    assert {event.news for event in events} == {News.STORED}
+    memory, events = stage.look(SceneState())
+    assert {event.kind for event in events} == {SceneEventKind.STORED}
     return memory
 
 
@@ -133,7 +133,7 @@ def test_a_view_with_the_arm_in_front_leaves_every_library_bit_identical(stage, 
         known = first.objects[name]
         hiding = robot_depth(stage.robot, q, image.camera, image.X_WC)
         assert not view_is_clear(known.pixels, hiding, known.image).clear
-        memory, events = stage.observer.look(first, image, q)
+        memory, events = stage.observer.observe(first, image, q)
         assert events == ()
         assert memory.library is first.library
         assert memory.objects[name] is known
@@ -145,7 +145,7 @@ def test_a_view_with_the_arm_in_front_leaves_every_library_bit_identical(stage, 
 def test_a_moved_object_gets_its_grasps_moved(stage, first, templates):
     there = at(0.40, 0.02, 0.3)
     memory, events = stage.look(first, can=there)
-    assert [(event.news, event.name) for event in events] == [(News.MOVED, "can")]
+    assert [(event.kind, event.name) for event in events] == [(SceneEventKind.MOVED, "can")]
     assert memory.library is first.library
     assert error(stage, templates, memory, "can", there) < 0.005
     before, after = first.place(), memory.place()
@@ -162,7 +162,7 @@ def test_a_toppled_object_s_grasps_are_made_anew(stage, first, templates):
     tipped = Pose.from_rotation_vector([0.5 * np.pi, 0.0, 0.0], [0.52, -0.16, 0.0])
     tipped = Pose.from_translation([0.0, 0.0, -tipped.apply(model.mesh.vertices)[:, 2].min()]) @ tipped
     memory, events = stage.look(first, box=tipped)
-    assert [(event.news, event.name) for event in events] == [(News.TOPPLED, "box")]
+    assert [(event.kind, event.name) for event in events] == [(SceneEventKind.TOPPLED, "box")]
     assert error(stage, templates, memory, "box", tipped) < 0.005
     assert memory.library["box"] is not first.library["box"]
     assert memory.library["can"] is first.library["can"]
@@ -171,11 +171,11 @@ def test_a_toppled_object_s_grasps_are_made_anew(stage, first, templates):
 
 def test_an_object_that_is_taken_away_is_retired(stage, first):
     memory, events = stage.look(first, can=UNDERGROUND)
-    assert [(event.news, event.name) for event in events] == [(News.RETIRED, "can")]
+    assert [(event.kind, event.name) for event in events] == [(SceneEventKind.RETIRED, "can")]
     assert set(memory.objects) == set(memory.library) == {"box"}
     assert set(memory.obstacles) == {"box"}
     again, events = stage.look(memory)
-    assert [(event.news, event.name) for event in events] == [(News.STORED, "can")]
+    assert [(event.kind, event.name) for event in events] == [(SceneEventKind.STORED, "can")]
     assert again.library["can"] is not first.library["can"]
 
 
@@ -187,17 +187,17 @@ def test_an_object_in_the_hand_is_neither_a_new_thing_nor_retired_nor_grasped_ag
     for p in ([0.48, 0.10, 0.2], [0.45, 0.0, 0.3], [0.45, 0.0, 0.3]):
         X_WO = Pose(DOWN.quaternion, np.array(p)) @ X_TO
         memory, events = stage.look(memory, stage.posture(p), can=X_WO)
-        told += [(event.news, event.name) for event in events]
+        told += [(event.kind, event.name) for event in events]
         assert set(memory.objects) == set(PLACES)
         assert memory.library is first.library
-    assert told == [(News.TAKEN, "can")]
+    assert told == [(SceneEventKind.TAKEN, "can")]
     assert memory.held == {"can"}
     assert set(memory.place().object_names) == {"box"}
     assert set(memory.obstacles) == {"box"}
     assert error(stage, templates, memory, "can", X_WO) < 0.01
     there = at(0.42, 0.05)
     memory, events = stage.look(memory, can=there)
-    assert [(event.news, event.name) for event in events] == [(News.MOVED, "can")]
+    assert [(event.kind, event.name) for event in events] == [(SceneEventKind.MOVED, "can")]
     assert memory.held == frozenset()
     assert memory.library is first.library
     assert error(stage, templates, memory, "can", there) < 0.005
@@ -208,7 +208,7 @@ def test_a_hand_that_leaves_without_the_object_has_not_taken_it(stage, first):
     memory, events = stage.look(reached, stage.posture([0.45, 0.0, 0.3]))
     assert (events, memory.held, dict(memory.grips)) == ((), frozenset(), {})
     memory, events = stage.look(reached, stage.posture([0.45, 0.0, 0.3]), can=UNDERGROUND)
-    assert [(event.news, event.name) for event in events] == [(News.RETIRED, "can")]
+    assert [(event.kind, event.name) for event in events] == [(SceneEventKind.RETIRED, "can")]
 
 
 @pytest.fixture(scope="module")
@@ -223,7 +223,7 @@ def mug(robot, templates):
 
 
 def test_a_hidden_handle_is_not_guessed_the_hand_keeps_away_from_every_place_where_it_may_be(mug, templates):
-    memory, _ = mug.look(SceneMemory())
+    memory, _ = mug.look(SceneState())
     known, grasps = memory.objects["mug"], memory.library["mug"]
     assert not known.certain
     assert grasps.provenance["explanations"] == len(known.explanations) > 1
@@ -238,7 +238,7 @@ def test_a_hidden_handle_is_not_guessed_the_hand_keeps_away_from_every_place_whe
 
 def test_an_unknown_shape_is_grasped_as_it_is_seen(stage, templates):
     blind = SceneObserver(stage.robot, [templates["box"]], FEW)
-    memory, _ = blind.look(SceneMemory(), stage.image(), stage.robot.home)
+    memory, _ = blind.observe(SceneState(), stage.image(), stage.robot.home)
     assert set(memory.objects) == {"box", "unknown"}
     known, grasps = memory.objects["unknown"], memory.library["unknown"]
     assert known.template is None
@@ -248,17 +248,17 @@ def test_an_unknown_shape_is_grasped_as_it_is_seen(stage, templates):
     distance = np.linalg.norm(known.X_WO.translation[:2] - stage.X_WO["can"].translation[:2])
     assert distance < 0.03
     wary = SceneObserver(stage.robot, [templates["box"]], replace(FEW, unknown=False))
-    memory, events = wary.look(SceneMemory(), stage.image(), stage.robot.home)
-    assert [event.name for event in events if event.news is News.REFUSED] == ["unknown"]
+    memory, events = wary.observe(SceneState(), stage.image(), stage.robot.home)
+    assert [event.name for event in events if event.kind is SceneEventKind.REFUSED] == ["unknown"]
     assert set(memory.library) == {"box"}
     assert set(memory.obstacles) == {"box", "unknown"}
 
 
 def test_without_templates_everything_is_unknown(stage):
     observer = SceneObserver(stage.robot, (), replace(FEW, unknown=False))
-    memory, _ = observer.look(SceneMemory(), stage.image(), stage.robot.home)
+    memory, _ = observer.observe(SceneState(), stage.image(), stage.robot.home)
     assert set(memory.objects) == {"unknown", "unknown-2"}
-    again, events = observer.look(memory, stage.image(), stage.robot.home)
+    again, events = observer.observe(memory, stage.image(), stage.robot.home)
     assert events == ()
     assert again.library is memory.library
 
@@ -273,14 +273,14 @@ def test_what_is_seen_in_two_pieces_is_one_thing(stage, templates):
     def register_one(one):
         return register(one, [templates["can"]], image)
 
-    found = [Recognised(one, register_one(one), (i,)) for i, one in enumerate(pieces)]
+    found = [RegisteredSegment(one, register_one(one), (i,)) for i, one in enumerate(pieces)]
     (whole,) = without_overlaps(found, templates, image, register_one)
     assert whole.pieces == (0, 1)
     assert len(whole.segment.cloud) == len(can.cloud)
     np.testing.assert_array_equal(whole.segment.pixels, can.pixels)
     assert not whole.registration.refusal
     box = register(max(segments, key=lambda one: -one.cloud.points[:, 1].mean()), [templates["box"]], image)
-    apart = [found[0], Recognised(pieces[1], box, (1,))]
+    apart = [found[0], RegisteredSegment(pieces[1], box, (1,))]
     assert without_overlaps(apart, templates, image, register_one) == tuple(apart)
 
 
@@ -288,7 +288,7 @@ def test_same_images_and_seed_give_the_same_memory(stage, first):
     image = DepthImage(
         first.objects["can"].image.depth, SMALL, stage.camera.X_WC, first.objects["can"].image.stamp
     )
-    memory, _ = stage.observer.look(SceneMemory(), image, stage.robot.home)
+    memory, _ = stage.observer.observe(SceneState(), image, stage.robot.home)
     for name, grasps in memory.library.items():
         assert grasps.X_OG.matrix().tobytes() == first.library[name].X_OG.matrix().tobytes()
 
@@ -296,14 +296,14 @@ def test_same_images_and_seed_give_the_same_memory(stage, first):
 def test_an_empty_table_and_an_image_without_depths_are_no_scene(stage):
     for depth in (np.full((240, 320), np.nan), stage.image(can=UNDERGROUND, box=UNDERGROUND).depth):
         image = DepthImage(depth, SMALL, stage.camera.X_WC)
-        memory, events = stage.observer.look(SceneMemory(), image, stage.robot.home)
+        memory, events = stage.observer.observe(SceneState(), image, stage.robot.home)
         assert (dict(memory.objects), events) == ({}, ())
         assert len(memory.place()) == 0
 
 
 def test_an_image_without_depths_says_nothing_about_a_known_scene(stage, first):
     image = DepthImage(np.full((240, 320), np.nan), SMALL, stage.camera.X_WC)
-    memory, events = stage.observer.look(first, image, stage.robot.home)
+    memory, events = stage.observer.observe(first, image, stage.robot.home)
     assert events == ()
     assert memory.library is first.library
 
@@ -312,13 +312,13 @@ def test_what_cannot_be_looked_at_is_refused(stage, first, templates):
     image = stage.image()
     large = PinholeCamera.from_field_of_view(160, 120, 0.75)
     with pytest.raises(InvalidValue, match="camera"):
-        stage.observer.look(first, DepthImage(np.ones((120, 160)), large, image.X_WC), stage.robot.home)
+        stage.observer.observe(first, DepthImage(np.ones((120, 160)), large, image.X_WC), stage.robot.home)
     elsewhere = Pose.from_translation([0.0, 0.01, 0.0]) @ image.X_WC
     with pytest.raises(InvalidValue, match="place"):
-        stage.observer.look(first, DepthImage(image.depth, SMALL, elsewhere), stage.robot.home)
+        stage.observer.observe(first, DepthImage(image.depth, SMALL, elsewhere), stage.robot.home)
     for q in (stage.robot.home * np.nan, stage.robot.home[:3]):
         with pytest.raises(InvalidValue):
-            stage.observer.look(first, image, q)
+            stage.observer.observe(first, image, q)
     with pytest.raises(InvalidValue, match="templates"):
         SceneObserver(stage.robot, [templates["can"], templates["can"]])
     with pytest.raises(InvalidValue, match="gripper"):

@@ -7,7 +7,7 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, PointCloud, Pose
-from optsc.perception import Explanation, KnownObject, Presence, Segment, catalogue_template
+from optsc.perception import ExpectedVisibility, Explanation, KnownObject, Segment, catalogue_template
 from optsc.perception.segments import segment_from_pixels
 from optsc.perception.symmetry import nearest_equivalent, symmetries
 from optsc.perception.tracking import presence, presence_at, share_shown
@@ -31,43 +31,45 @@ def known(seen=None):
 
 
 def test_what_is_measured_where_it_was_is_there():
-    assert presence(known(), image(1.0), NOWHERE) is Presence.THERE
-    assert presence(known(), image(1.0 + 0.004), NOWHERE) is Presence.THERE
+    assert presence(known(), image(1.0), NOWHERE) is ExpectedVisibility.THERE
+    assert presence(known(), image(1.0 + 0.004), NOWHERE) is ExpectedVisibility.THERE
 
 
 def test_what_is_seen_through_is_gone():
-    assert presence(known(), image(1.5), NOWHERE) is Presence.GONE
-    assert presence(known(), image(1.01), NOWHERE) is Presence.GONE
+    assert presence(known(), image(1.5), NOWHERE) is ExpectedVisibility.GONE
+    assert presence(known(), image(1.01), NOWHERE) is ExpectedVisibility.GONE
 
 
 def test_what_has_shifted_by_more_than_a_sixth_of_its_width_is_gone():
-    for columns, expected in ((2, Presence.THERE), (4, Presence.GONE)):
+    for columns, expected in ((2, ExpectedVisibility.THERE), (4, ExpectedVisibility.GONE)):
         shifted = image(1.0, pixels=np.roll(PIXELS, columns, axis=1))
         assert presence(known(), shifted, NOWHERE) is expected
 
 
 def test_something_in_front_hides_it():
-    assert presence(known(), image(0.7), NOWHERE) is Presence.HIDDEN
+    assert presence(known(), image(0.7), NOWHERE) is ExpectedVisibility.HIDDEN
 
 
 def test_the_arm_hides_it_whatever_is_measured():
     beside = NOWHERE.copy()
     beside[:, 50] = 0.8
-    assert presence(known(), image(1.5), beside) is Presence.HIDDEN
+    assert presence(known(), image(1.5), beside) is ExpectedVisibility.HIDDEN
     behind = np.full((60, 80), 2.0)
-    assert presence(known(), image(1.5), behind) is Presence.GONE
+    assert presence(known(), image(1.5), behind) is ExpectedVisibility.GONE
 
 
 def test_where_nothing_is_measured_nothing_is_said():
-    assert presence(known(), image(np.nan), NOWHERE) is Presence.HIDDEN
-    assert presence_at(known(), Pose.from_translation([9.0, 0.0, 1.0]), image(1.0)) is Presence.HIDDEN
+    assert presence(known(), image(np.nan), NOWHERE) is ExpectedVisibility.HIDDEN
+    assert (
+        presence_at(known(), Pose.from_translation([9.0, 0.0, 1.0]), image(1.0)) is ExpectedVisibility.HIDDEN
+    )
 
 
 def test_it_may_be_in_another_place_unless_the_camera_sees_through_it_there():
     there = Pose.from_translation([0.0, 0.1, 1.2])
-    assert presence_at(known(), there, image(1.0, 1.0)) is Presence.THERE
-    assert presence_at(known(), there, image(1.2, 1.2)) is Presence.THERE
-    assert presence_at(known(), there, image(1.5)) is Presence.GONE
+    assert presence_at(known(), there, image(1.0, 1.0)) is ExpectedVisibility.THERE
+    assert presence_at(known(), there, image(1.2, 1.2)) is ExpectedVisibility.THERE
+    assert presence_at(known(), there, image(1.5)) is ExpectedVisibility.GONE
 
 
 def test_images_of_different_sizes_are_refused():

@@ -49,8 +49,8 @@ def filtered(values, kind):
         estimate = left + above - corner
         off = np.abs([estimate - left, estimate - above, estimate - corner])
         paeth = np.choose(np.argmin(off, axis=0), [left, above, corner])
-        guess = [0 * row, left, above, (left + above) // 2, paeth][kind]
-        result.append(np.concatenate([[kind], (row - guess) % 256]).astype(np.uint8))
+        predicted = [0 * row, left, above, (left + above) // 2, paeth][kind]
+        result.append(np.concatenate([[kind], (row - predicted) % 256]).astype(np.uint8))
     return np.array(result)
 
 

@@ -21,7 +21,7 @@ from optsc.perception import (
     surface_tail,
     template_from_mesh,
 )
-from optsc.perception.pose_hypotheses import Guesses
+from optsc.perception.pose_hypotheses import PoseHypotheses
 from optsc.perception.scoring import fit, free_space, shape_distance
 from optsc.sim.objects.solids import cuboid, revolved
 
@@ -105,11 +105,11 @@ def test_the_covariance_is_the_inverse_of_hessian_and_prior(templates):
     from optsc.perception.refinement import covariance
 
     box = by_name(templates, "box")
-    guess = Guesses.of(Pose.stack([Pose.identity()]))
+    hypothesis = PoseHypotheses.of(Pose.stack([Pose.identity()]))
     # 100 points on one side that faces x: only the shift along x and the turns about y and z are measured
     y, z = np.meshgrid(np.linspace(-0.02, 0.02, 10), np.linspace(0.03, 0.1, 10))
     points = np.stack([np.full(100, 0.026), y.ravel(), z.ravel()], axis=-1)
-    C = covariance(guess, points, box, 0.005, 1e-3, 0.1)
+    C = covariance(hypothesis, points, box, 0.005, 1e-3, 0.1)
     rows = np.concatenate([np.tile([1.0, 0, 0], (100, 1)), np.cross(points, [1.0, 0, 0])], axis=1)
     expected = np.linalg.inv(rows.T @ rows / 1e-6 + np.diag([100.0] * 3 + [np.pi**-2] * 3))
     np.testing.assert_allclose(C, expected, rtol=1e-3, atol=1e-9)
@@ -128,7 +128,7 @@ def test_free_space_tells_a_short_can_from_a_long_one():
     short = template_from_mesh("short", revolved([(0.03, 0.0), (0.03, 0.06)]), count=600)
     long = template_from_mesh("long", revolved([(0.03, 0.0), (0.03, 0.16)]), count=600)
     image, owner = drawn([(short.mesh, upright())], noise=1e-3)
-    segment, standing = segment_of(image, owner), Guesses.of(Pose.stack([upright()]))
+    segment, standing = segment_of(image, owner), PoseHypotheses.of(Pose.stack([upright()]))
     points, space = segment.cloud.points, free_space(image)
     fits = [
         fit(standing, points, t, space, tolerance=0.005, table_height=0.0, count=600) for t in (short, long)
@@ -172,8 +172,8 @@ def test_a_point_is_seen_through_only_where_the_camera_measured_something_behind
 
 
 def test_poses_that_a_symmetry_makes_equal_are_no_distance_apart(templates):
-    half = Guesses.of(Pose.stack([upright(np.pi)]))
-    same = Guesses.of(Pose.stack([upright()]))
+    half = PoseHypotheses.of(Pose.stack([upright(np.pi)]))
+    same = PoseHypotheses.of(Pose.stack([upright()]))
     assert shape_distance(half, same, by_name(templates, "box"))[0] < 1.5e-3
     assert shape_distance(half, same, by_name(templates, "mug"))[0] > 0.01
 

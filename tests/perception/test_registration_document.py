@@ -12,11 +12,11 @@ from optsc.perception import (
     RegistrationSettings,
     SearchSettings,
     catalogue_template,
-    completed,
+    complete_cloud,
     surface_distance,
     surface_tail,
 )
-from optsc.perception.pose_hypotheses import Guesses
+from optsc.perception.pose_hypotheses import PoseHypotheses
 from optsc.perception.refinement import normal_equations
 from optsc.perception.scoring import fit, free_space
 
@@ -24,7 +24,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "perception.md").read_text()
 
 
 def at(*poses):
-    return Guesses.of(Pose.stack(poses))
+    return PoseHypotheses.of(Pose.stack(poses))
 
 
 def test_the_settings_are_those_of_the_page():
@@ -98,12 +98,12 @@ def test_filled_in_points_keep_the_distances_of_the_page():
     assert "over its mesh 2.5 mm apart" in page
     can = catalogue_template("can")
     one = PointCloud(can.points[:1], can.normals[:1])
-    whole = completed(one, can, Pose.identity())
+    whole = complete_cloud(one, can, Pose.identity())
     added = whole.select(~whole.seen)
     d = np.linalg.norm(added.points - can.points[0], axis=1)
     turned = np.linalg.norm(added.normals - can.normals[0], axis=1)
     assert np.sqrt(d**2 + 0.5 * 0.004**2 * turned**2).min() > 0.004
-    everywhere = completed(PointCloud(np.zeros((0, 3))), can, Pose.identity())
+    everywhere = complete_cloud(PointCloud(np.zeros((0, 3))), can, Pose.identity())
     area = len(can.points) * can.spacing**2
     assert np.sqrt(area / len(everywhere)) == pytest.approx(0.0025, rel=0.25)
 

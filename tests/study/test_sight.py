@@ -12,7 +12,7 @@ from optsc.demo.sight import Sight
 from optsc.followers import IdealFollower
 from optsc.geometry import PinholeCamera, Pose
 from optsc.people.simulated import R_WS_DEFAULT, Reach, Simulated
-from optsc.perception import News, ObserverSettings
+from optsc.perception import ObserverSettings, SceneEventKind
 from optsc.records import RunInputs
 from optsc.robot import load_robot
 from optsc.sampling.settings import AntipodalSettings
@@ -88,7 +88,7 @@ def test_the_controller_hears_of_a_motion_within_one_scene_tick(controller, sigh
     done, looks = watched(controller, sight, MovingObjects(world, MOVES_AT, THERE), Nobody(), 0.7)
     (index,) = done.updates
     assert MOVES_AT <= done[index].time <= MOVES_AT + PERIOD
-    assert [(event.news, event.name) for _, event in looks.events] == [(News.MOVED, "can")]
+    assert [(event.kind, event.name) for _, event in looks.events] == [(SceneEventKind.MOVED, "can")]
     heard = done.updates[index].candidates
     can = np.array(heard.object_names)[heard.object_index] == "can"
     middle = np.median(heard.X_WG[can].translation[:, :2], axis=0)

@@ -5,7 +5,7 @@ import pytest
 
 from optsc.geometry import DepthImage, PinholeCamera, PointCloud, Pose
 from optsc.grasps import GraspLibrary, GraspSet
-from optsc.perception import Explanation, KnownObject, SceneMemory
+from optsc.perception import Explanation, KnownObject, SceneState
 from optsc.viewers.figure import save_figure
 from optsc.viewers.figure_seen import seen_figure
 
@@ -33,7 +33,7 @@ def memory(explanations=2):
         np.linspace(0, 1, 3),
         {},
     )
-    return SceneMemory({"mug": known}, GraspLibrary({"mug": grasps}))
+    return SceneState({"mug": known}, GraspLibrary({"mug": grasps}))
 
 
 def words(figure):
@@ -50,7 +50,7 @@ def test_the_picture_names_the_objects_and_counts_the_grasps(explanations, label
 
 
 def test_an_empty_scene_is_drawn_too(tmp_path):
-    figure = seen_figure(SceneMemory(), IMAGE)
+    figure = seen_figure(SceneState(), IMAGE)
     assert "0 grasps, coloured by quality" in words(figure)
     unmeasured = DepthImage(np.full((60, 80), np.nan), CAMERA, IMAGE.X_WC)
-    save_figure(seen_figure(SceneMemory(), unmeasured), tmp_path / "seen.png")
+    save_figure(seen_figure(SceneState(), unmeasured), tmp_path / "seen.png")
