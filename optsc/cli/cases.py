@@ -50,7 +50,7 @@ def add_case_options(
 
 def cases_of(options: argparse.Namespace) -> Any:
     """Return the cases that the options of `add_case_options` ask for."""
-    from optsc.study.staging import Settings
+    from optsc.study.episode_setup import EpisodeSettings
     from optsc.study.sweep.plan import Cases
 
     return Cases(
@@ -61,7 +61,7 @@ def cases_of(options: argparse.Namespace) -> Any:
         options.objects,
         tuple(options.people),
         options.repetitions,
-        Settings(options.rate, options.longest, options.follower, library=options.library),
+        EpisodeSettings(options.rate, options.longest, options.follower, library=options.library),
     )
 
 

@@ -26,7 +26,14 @@ from optsc.robot import Gripper, RobotModel
 from optsc.sampling import build_library
 from optsc.sim import Tabletop, tabletop
 from optsc.sim.follower import PyBulletFollower
-from optsc.viewers.figure import MANIPULABILITY_ONLY, PROPOSED, Curve, Situation, approach_figure, save_figure
+from optsc.viewers.figure import (
+    MANIPULABILITY_ONLY,
+    PROPOSED,
+    Curve,
+    SelectedGrasps,
+    approach_figure,
+    save_figure,
+)
 from optsc.viewers.figure_seen import seen_figure
 
 TAKE_OVER_AFTER = 0.8
@@ -225,12 +232,12 @@ def figure(demo: Demo) -> Any:
     )
 
 
-def _situation(episode: Episode, index: int, title: str) -> Situation:
+def _situation(episode: Episode, index: int, title: str) -> SelectedGrasps:
     ranking = episode.run[index].ranking
     targets = [] if ranking is None else [ranking.target(name) for name in ranking.object_names]
     names = episode.true_names
     grasps = {names.get(t.object_name, t.object_name): t.X_WG for t in targets if t is not None}
-    return Situation(title, episode.tool[index], grasps)
+    return SelectedGrasps(title, episode.tool[index], grasps)
 
 
 def _curve(episode: Episode, strategy: Strategy, colour: str) -> Curve:

@@ -1,8 +1,8 @@
 from . import participants as participants
 from . import sweep as sweep
-from .approach import Comparison as Comparison
 from .approach import Failure as Failure
-from .approach import Pair as Pair
+from .approach import StrategyComparison as StrategyComparison
+from .approach import StrategyPair as StrategyPair
 from .approach import approach_conditions as approach_conditions
 from .approach import compare as compare
 from .approach import explanation as explanation
@@ -22,10 +22,14 @@ from .arms import Arm as Arm
 from .conditions import MANIPULABILITY_ONLY as MANIPULABILITY_ONLY
 from .conditions import PAPER as PAPER
 from .conditions import Condition as Condition
-from .conditions import Person as Person
+from .conditions import OperatorSpec as OperatorSpec
 from .engine import Choice as Choice
 from .engine import Engine as Engine
 from .engine import Executed as Executed
+from .episode_setup import FOLLOWERS as FOLLOWERS
+from .episode_setup import EpisodeSettings as EpisodeSettings
+from .episode_setup import EpisodeSetup as EpisodeSetup
+from .episode_setup import episode_key as episode_key
 from .fresh import FreshSelector as FreshSelector
 from .libraries import library_of as library_of
 from .lifting import is_lifted as is_lifted
@@ -44,10 +48,6 @@ from .scenes import random_scene as random_scene
 from .scenes import scene_set as scene_set
 from .soak import Soak as Soak
 from .stability import Stability as Stability
-from .staging import FOLLOWERS as FOLLOWERS
-from .staging import Settings as Settings
-from .staging import Stage as Stage
-from .staging import episode_key as episode_key
 from .statistics import Interval as Interval
 from .statistics import PairedDifference as PairedDifference
 from .statistics import averages as averages

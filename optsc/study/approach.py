@@ -16,11 +16,11 @@ import numpy as np
 
 from optsc.control.rollout import BRISK
 from optsc.robot.manipulability import DEFINITIONS
-from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
+from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, OperatorSpec
 from optsc.study.engine import Engine
+from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.outcomes import MEASURED, Row
 from optsc.study.scenes import Scene
-from optsc.study.staging import Settings
 from optsc.study.statistics import PairedDifference, averages, paired_difference, share_interval
 
 STRATEGIES = (PAPER, MANIPULABILITY_ONLY)
@@ -45,7 +45,7 @@ def approach_conditions(measures: Sequence[str] | None = None) -> tuple[Conditio
     )
 
 
-class Pair(NamedTuple):
+class StrategyPair(NamedTuple):
     """One case under both strategies."""
 
     paper: Row
@@ -65,7 +65,7 @@ class Pair(NamedTuple):
         return all(self.paper[name] == self.other[name] for name in names)
 
 
-def pairs_of(rows: Sequence[Row], robot: str, measure: str) -> list[Pair]:
+def pairs_of(rows: Sequence[Row], robot: str, measure: str) -> list[StrategyPair]:
     """Return the cases of one arm and one definition of M, in the order of the rows."""
     sides: dict[tuple[str, str, int], dict[str, Row]] = {}
     for row in rows:
@@ -73,10 +73,12 @@ def pairs_of(rows: Sequence[Row], robot: str, measure: str) -> list[Pair]:
             case = (row["scene"], row["person"], row["person_seed"])
             sides.setdefault(case, {})[row["condition"]] = row
     names = [strategy.name for strategy in STRATEGIES]
-    return [Pair(*(side[name] for name in names)) for side in sides.values() if set(names) <= set(side)]
+    return [
+        StrategyPair(*(side[name] for name in names)) for side in sides.values() if set(names) <= set(side)
+    ]
 
 
-class Comparison(NamedTuple):
+class StrategyComparison(NamedTuple):
     """What came out for one arm and one definition of M.
 
     Attributes:
@@ -97,7 +99,7 @@ class Comparison(NamedTuple):
     arrived: dict[str, tuple[float, float, float]]
 
 
-def compare(rows: Sequence[Row], seed: int = 0) -> list[Comparison]:
+def compare(rows: Sequence[Row], seed: int = 0) -> list[StrategyComparison]:
     """Return the comparison for each arm and definition of M in ``rows``; ``seed`` is of the bootstrap."""
     return [
         _compared(robot, measure, pairs_of(rows, robot, measure), seed)
@@ -106,7 +108,7 @@ def compare(rows: Sequence[Row], seed: int = 0) -> list[Comparison]:
     ]
 
 
-def _compared(robot: str, measure: str, pairs: Sequence[Pair], seed: int) -> Comparison:
+def _compared(robot: str, measure: str, pairs: Sequence[StrategyPair], seed: int) -> StrategyComparison:
     complete = [pair for pair in pairs if pair.complete]
     differences = {}
     for name in COMPARED:
@@ -118,14 +120,14 @@ def _compared(robot: str, measure: str, pairs: Sequence[Pair], seed: int) -> Com
         arrived[strategy.name] = tuple(share_interval(sum(shares), len(shares)))  # type: ignore[assignment]
     counts = (len(pairs), len(complete), sum(pair.same_grasp for pair in complete))
     scenes = (len(_scenes(pairs)), len(_scenes(complete)))
-    return Comparison(robot, measure, counts, scenes, differences, arrived)
+    return StrategyComparison(robot, measure, counts, scenes, differences, arrived)
 
 
-def _scenes(pairs: Sequence[Pair]) -> set[str]:
+def _scenes(pairs: Sequence[StrategyPair]) -> set[str]:
     return {pair.paper["scene"] for pair in pairs}
 
 
-def pair_means(pairs: Sequence[Pair], name: str) -> tuple[list[float], list[float]]:
+def pair_means(pairs: Sequence[StrategyPair], name: str) -> tuple[list[float], list[float]]:
     """Return the measure of that name under both strategies: one mean for each scene in which a pair has both."""
     return averages(
         [pair.paper["scene"] for pair in pairs],
@@ -150,7 +152,7 @@ class Failure(NamedTuple):
         why: what the numbers say about the reason, in words; one of few sentences, so that they can be counted.
     """
 
-    pair: Pair
+    pair: StrategyPair
     parts: dict[str, float]
     why: str
 
@@ -177,7 +179,7 @@ def failures(rows: Sequence[Row]) -> list[Failure]:
     return sorted(found, key=lambda failure: -failure.parts.get("shorter", 0.0))
 
 
-def _worse(pair: Pair) -> dict[str, float]:
+def _worse(pair: StrategyPair) -> dict[str, float]:
     paper, other = pair
     if not pair.complete:
         return {"arrives": 0.0} if other["success"] and not paper["success"] else {}
@@ -185,7 +187,7 @@ def _worse(pair: Pair) -> dict[str, float]:
     return {part: d for part, d in differences.items() if d * CLAIMS[part][1] < -MARGIN}
 
 
-def _why(pair: Pair, parts: dict[str, float]) -> str:
+def _why(pair: StrategyPair, parts: dict[str, float]) -> str:
     paper, other = pair
     if "arrives" in parts:
         return f"the paper's choice did not arrive: {paper['ended']}"
@@ -214,13 +216,13 @@ def _why_longer(paper: Row, other: Row) -> str:
     return "the grasp is further away and turned more: a better one by its rank was passed over for its way"
 
 
-def explanation(failure: Failure, settings: Settings, scene: Scene) -> str:
+def explanation(failure: Failure, settings: EpisodeSettings, scene: Scene) -> str:
     """Return in words and numbers why the paper's cascade passed over the grasp of greatest M, from the scene itself.
 
     The scene is set up and led to the hand-over again, which takes about a second.
     """
     paper, other = failure.pair
-    engine = Engine(scene, Person(paper["person"], paper["person_seed"]), settings)
+    engine = Engine(scene, OperatorSpec(paper["person"], paper["person_seed"]), settings)
     choices = engine.choices([strategy.with_measure(paper["measure"]) for strategy in STRATEGIES])
     if choices[0] is None:
         return "the paper's strategy chose nothing"

@@ -11,18 +11,18 @@ import numpy as np
 from optsc.study.approach import (
     CLAIMS,
     STRATEGIES,
-    Comparison,
     Failure,
-    Pair,
+    StrategyComparison,
+    StrategyPair,
     explanation,
     pair_means,
     pairs_of,
 )
-from optsc.study.conditions import Condition, Person
+from optsc.study.conditions import Condition, OperatorSpec
 from optsc.study.engine import Engine
+from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.outcomes import Row
 from optsc.study.scenes import Scene
-from optsc.study.staging import Settings
 from optsc.viewers.report import Picture, Report, Table
 from optsc.viewers.report_motion import Path, timelines, trajectories
 from optsc.viewers.report_statistics import Estimate, Scatter, forest, paired_scatter
@@ -34,7 +34,7 @@ DRAWN = 2
 UNITS = {"shorter": "path [m]", "turns less": "turn [rad]", "quicker": "time [s]"}
 
 
-def summary_of(comparisons: Sequence[Comparison], failed: Sequence[Failure]) -> dict[str, Any]:
+def summary_of(comparisons: Sequence[StrategyComparison], failed: Sequence[Failure]) -> dict[str, Any]:
     """Return the results for machines."""
     results = [
         {
@@ -58,10 +58,10 @@ def summary_of(comparisons: Sequence[Comparison], failed: Sequence[Failure]) -> 
 
 def build(
     rows: Sequence[Row],
-    comparisons: Sequence[Comparison],
+    comparisons: Sequence[StrategyComparison],
     failed: Sequence[Failure],
     scenes: Mapping[str, Scene],
-    settings: Settings,
+    settings: EpisodeSettings,
     command: str,
 ) -> Report:
     """Return the report; ``scenes`` are those of the rows, by hash."""
@@ -79,7 +79,7 @@ def build(
     return report
 
 
-def _counts(comparisons: Sequence[Comparison]) -> list[Table]:
+def _counts(comparisons: Sequence[StrategyComparison]) -> list[Table]:
     counted = ["cases", "both arrived", "same grasp", "scenes", "scenes compared"]
     head = ["arm", "M", *counted, *(f"success: {s.name}" for s in STRATEGIES)]
     lines = []
@@ -98,7 +98,7 @@ def _share(interval: tuple[float, float, float]) -> str:
     return f"{value:.1f} % ({low:.1f} to {high:.1f})"
 
 
-def _forest(comparisons: Sequence[Comparison]) -> Picture:
+def _forest(comparisons: Sequence[StrategyComparison]) -> Picture:
     robots = list(dict.fromkeys(c.robot for c in comparisons))
     measures = list(dict.fromkeys(c.measure for c in comparisons))
     by_place = {(c.robot, c.measure): c for c in comparisons}
@@ -118,7 +118,7 @@ def _forest(comparisons: Sequence[Comparison]) -> Picture:
     return Picture("differences", forest(panels, measures, signs), caption)
 
 
-def _tables(comparisons: Sequence[Comparison]) -> list[Table]:
+def _tables(comparisons: Sequence[StrategyComparison]) -> list[Table]:
     head = [
         "M",
         "scenes",
@@ -145,7 +145,7 @@ def _tables(comparisons: Sequence[Comparison]) -> list[Table]:
     return tables
 
 
-def _scatter(rows: Sequence[Row], comparisons: Sequence[Comparison]) -> Picture:
+def _scatter(rows: Sequence[Row], comparisons: Sequence[StrategyComparison]) -> Picture:
     measure = comparisons[0].measure
     panels = []
     for robot in dict.fromkeys(c.robot for c in comparisons):
@@ -200,7 +200,9 @@ def _millimetres(row: Row) -> float:
     return 1e3 * row["jump_target_distance_m"]
 
 
-def _explained(failed: Sequence[Failure], scenes: Mapping[str, Scene], settings: Settings) -> list[Table]:
+def _explained(
+    failed: Sequence[Failure], scenes: Mapping[str, Scene], settings: EpisodeSettings
+) -> list[Table]:
     lines = []
     for failure in _distinct(failed)[:EXPLAINED]:
         paper = failure.pair.paper
@@ -224,10 +226,10 @@ def _distinct(failed: Sequence[Failure]) -> list[Failure]:
 
 def _pictures(
     rows: Sequence[Row],
-    comparisons: Sequence[Comparison],
+    comparisons: Sequence[StrategyComparison],
     failed: Sequence[Failure],
     scenes: Mapping[str, Scene],
-    settings: Settings,
+    settings: EpisodeSettings,
 ) -> list[Picture]:
     pictures, bars = [], []
     for robot in dict.fromkeys(c.robot for c in comparisons):
@@ -256,13 +258,15 @@ def _renamed(path: Path, label: str) -> Path:
     return Path(label, path.p, path.modes, path.rate, path.X_WG)
 
 
-def paths_of(scene: Scene, pair: Pair, settings: Settings) -> list[Path]:
+def paths_of(scene: Scene, pair: StrategyPair, settings: EpisodeSettings) -> list[Path]:
     """Return the tool's way under both strategies, made again from the rows' own seeds."""
-    person = Person(pair.paper["person"], pair.paper["person_seed"])
+    person = OperatorSpec(pair.paper["person"], pair.paper["person_seed"])
     return ways(scene, person, [s.with_measure(pair.paper["measure"]) for s in STRATEGIES], settings)
 
 
-def ways(scene: Scene, person: Person, conditions: Sequence[Condition], settings: Settings) -> list[Path]:
+def ways(
+    scene: Scene, person: OperatorSpec, conditions: Sequence[Condition], settings: EpisodeSettings
+) -> list[Path]:
     """Return the tool's way to the grasp under each condition, named as it is; none for one that chooses nothing."""
     engine, found = Engine(scene, person, settings), []
     for condition, choice in zip(conditions, engine.choices(conditions), strict=True):

@@ -34,13 +34,13 @@ from optsc.operators import Operator
 from optsc.people.simulated import R_WS_DEFAULT
 from optsc.records import Run, Tick
 from optsc.session import run
-from optsc.study.conditions import Person
+from optsc.study.conditions import OperatorSpec
+from optsc.study.episode_setup import EpisodeSettings, EpisodeSetup, episode_key
 from optsc.study.keys import key, plain
 from optsc.study.lifting import is_lifted
 from optsc.study.loading import absolute, load_named
 from optsc.study.outcomes import JUMPS, Row, case_labels, nearest_to
 from optsc.study.scenes import Scene
-from optsc.study.staging import Settings, Stage, episode_key
 from optsc.study.sweep.plan import Cases
 
 VERSION = 3
@@ -135,8 +135,8 @@ class PolicyJob:
     """All policies in one scene with one person."""
 
     scene: Scene
-    person: Person
-    settings: Settings
+    person: OperatorSpec
+    settings: EpisodeSettings
     conditions: tuple[PolicyCondition, ...]
 
     def keys(self) -> list[str]:
@@ -168,14 +168,14 @@ def policy_jobs(cases: Cases, conditions: Sequence[PolicyCondition]) -> list[Pol
 
 def do_policies(job: PolicyJob) -> list[Row]:
     """Return one row for each policy of ``job``."""
-    stage = Stage(job.scene, job.settings)
+    stage = EpisodeSetup(job.scene, job.settings)
     rows = []
     for condition, row_key in zip(job.conditions, job.keys(), strict=True):
         rows.append({"key": row_key, **outcome(stage, simulated(stage, job.person, condition.policy))})
     return rows
 
 
-def simulated(stage: Stage, person: Person, policy: Arbitration) -> Run:
+def simulated(stage: EpisodeSetup, person: OperatorSpec, policy: Arbitration) -> Run:
     """Return the run of one episode of a simulated person under ``policy``; who has to grasp by hand does."""
     by_hand = policy.trigger is Trigger.GRASPS
     operator = person.operator(stage.scene.goal, stage.scene.objects, by_hand=by_hand)
@@ -184,7 +184,7 @@ def simulated(stage: Stage, person: Person, policy: Arbitration) -> Run:
 
 
 def play(
-    stage: Stage,
+    stage: EpisodeSetup,
     policy: Arbitration,
     operator: Operator,
     follower: Follower,
@@ -207,7 +207,7 @@ def play(
     )
 
 
-def outcome(stage: Stage, ticks: Run) -> Row:
+def outcome(stage: EpisodeSetup, ticks: Run) -> Row:
     """Return what became of an episode: numbers of `REPORTED` and `TIMES`, and whether the wanted object was grasped.
 
     With an ideal follower, success means that the jaws closed at a grasp of the wanted object and the arm went on to
@@ -237,7 +237,7 @@ def outcome(stage: Stage, ticks: Run) -> Row:
     }
 
 
-def _measured(stage: Stage, ticks: Run, motion: Motion, end: int) -> Row:
+def _measured(stage: EpisodeSetup, ticks: Run, motion: Motion, end: int) -> Row:
     """Return the measures of the first ``end`` ticks, and the worst jumps of all."""
     part = motion.part(0, end)
     relieved = [i for i, (a, b) in enumerate(pairwise(ticks.modes), 1) if a.automatic is not b.automatic]

@@ -11,8 +11,8 @@ from optsc.control.modes import Mode
 from optsc.metrics import Motion
 from optsc.records import Run
 from optsc.study.arbitration import TIMES, PolicyJob, simulated
+from optsc.study.episode_setup import EpisodeSetup
 from optsc.study.outcomes import Row, scene_means
-from optsc.study.staging import Stage
 from optsc.study.statistics import Interval, bootstrap, mean_of, paired_difference, share_interval
 from optsc.viewers.report import Picture, Report, Table
 from optsc.viewers.report_motion import Path, timelines, trajectories
@@ -197,7 +197,7 @@ def _motions(rows: Sequence[Row], jobs: Sequence[PolicyJob]) -> list[Picture | s
     job = next((job for job in jobs if good.issuperset(job.keys())), None)
     if job is None:
         return ["There is no case in which every policy succeeds."]
-    stage = Stage(job.scene, job.settings)
+    stage = EpisodeSetup(job.scene, job.settings)
     objects = {name: (model.parts, stage.world.X_WO[name]) for name, model in stage.world.objects.items()}
     paths = [path_of(stage, simulated(stage, job.person, c.policy), c.name) for c in job.conditions]
     title = f"{job.scene.robot}, scene {job.scene.seed}, {job.scene.goal}, {job.person.kind}"
@@ -210,7 +210,7 @@ def _motions(rows: Sequence[Row], jobs: Sequence[PolicyJob]) -> list[Picture | s
     return pictures
 
 
-def path_of(stage: Stage, ticks: Run, label: str) -> Path:
+def path_of(stage: EpisodeSetup, ticks: Run, label: str) -> Path:
     """Return the way of the tool in a run, and the grasp that it was led to last."""
     motion = Motion.of_run(ticks, stage.robot)
     targets = [tick.step.target for tick in ticks if tick.step.target is not None]

@@ -16,7 +16,7 @@ from optsc.study.keys import Plain, key, plain
 
 
 @dataclass(frozen=True)
-class Person:
+class OperatorSpec:
     """A simulated operator as a value.
 
     Attributes:

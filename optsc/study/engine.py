@@ -20,11 +20,11 @@ from optsc.control.choosing import CHOICES
 from optsc.control.rollout import Outlook, best_way, outlook
 from optsc.errors import InvalidValue
 from optsc.selection import Ranking, Target
-from optsc.study.conditions import Condition, Person
+from optsc.study.conditions import Condition, OperatorSpec
+from optsc.study.episode_setup import EpisodeSettings, EpisodeSetup, episode_key
 from optsc.study.leading import HandOver, Leading, execute
 from optsc.study.physical import execute_physically
 from optsc.study.scenes import Scene
-from optsc.study.staging import Settings, Stage, episode_key
 from optsc.study.tracks import Track
 
 
@@ -88,12 +88,12 @@ def choose(
 class Engine:
     """All conditions of one person in one scene; see the module."""
 
-    def __init__(self, scene: Scene, person: Person, settings: Settings | None = None) -> None:
+    def __init__(self, scene: Scene, person: OperatorSpec, settings: EpisodeSettings | None = None) -> None:
         if person.steps_in:
             raise InvalidValue(
                 "person", person.kind, "one who does not step in on the way, see `optsc.people.TYPES`"
             )
-        self.stage, self.person = Stage(scene, settings or Settings()), person
+        self.stage, self.person = EpisodeSetup(scene, settings or EpisodeSettings()), person
         self.key = episode_key(scene, person, self.stage.settings)
         self._leading: Leading | None = None
         self._hand_overs: list[HandOver | None] = []

@@ -17,10 +17,10 @@ from optsc.geometry import Pose
 from optsc.operators import Operator, OperatorSample, OperatorView
 from optsc.robot import RobotModel
 from optsc.sim.settings import PhysicsSettings
-from optsc.study.conditions import Condition, Person
+from optsc.study.conditions import Condition, OperatorSpec
+from optsc.study.episode_setup import EpisodeSetup
 from optsc.study.fresh import FreshSelector
 from optsc.study.memento import Memento
-from optsc.study.staging import Stage
 from optsc.study.tracks import Track
 
 
@@ -47,7 +47,7 @@ class HandOver(NamedTuple):
 class Leading:
     """The operator leads: the controller in manual mode, tick by tick, up to one hand-over after the other."""
 
-    def __init__(self, stage: Stage, person: Person, condition: Condition) -> None:
+    def __init__(self, stage: EpisodeSetup, person: OperatorSpec, condition: Condition) -> None:
         self.stage = stage
         self.controller = stage.controller(condition, stage.tables)
         self.track = Track(stage.robot, stage.settings.rate)

@@ -20,12 +20,12 @@ from optsc.robot import RobotModel
 from optsc.robot.collision import TABLE
 from optsc.robot.distances import DistanceModel
 from optsc.sim import OBJECT_NAMES, ObjectModel, object_model
-from optsc.study.conditions import DEFAULT_MEASURE, Condition, Person, measure
+from optsc.study.conditions import DEFAULT_MEASURE, Condition, OperatorSpec, measure
 from optsc.study.engine import Choice, Engine
+from optsc.study.episode_setup import EpisodeSettings, EpisodeSetup, episode_key
 from optsc.study.keys import key
 from optsc.study.leading import ARRIVED
 from optsc.study.scenes import Scene
-from optsc.study.staging import Settings, Stage, episode_key
 from optsc.study.statistics import mean_of
 from optsc.study.tracks import Track
 
@@ -56,8 +56,8 @@ class Job:
     """Work that belongs together: conditions in one scene with one person."""
 
     scene: Scene
-    person: Person
-    settings: Settings
+    person: OperatorSpec
+    settings: EpisodeSettings
     conditions: tuple[Condition, ...]
 
     def keys(self) -> list[str]:
@@ -72,7 +72,7 @@ class Job:
         return {**case_labels(self.scene, self.person, self.settings), **names, **varied}
 
 
-def case_labels(scene: Scene, person: Person, settings: Settings) -> Row:
+def case_labels(scene: Scene, person: OperatorSpec, settings: EpisodeSettings) -> Row:
     """Return what tables say about a case."""
     return {
         "robot": scene.robot,
@@ -191,7 +191,7 @@ def _yoshikawa(engine: Engine, choice: Choice) -> float:
     return float(value)
 
 
-def nearest_to(stage: Stage) -> Nearest:
+def nearest_to(stage: EpisodeSetup) -> Nearest:
     """Return the distance of postures to table and objects; the hand may touch the one it is to grasp.
 
     Links are capsules and objects boxes around their parts, so it is never more than the true one.

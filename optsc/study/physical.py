@@ -10,17 +10,19 @@ import numpy as np
 
 from optsc.control.modes import Mode
 from optsc.session import run
-from optsc.study.conditions import Condition, Person
+from optsc.study.conditions import Condition, OperatorSpec
+from optsc.study.episode_setup import EpisodeSetup
 from optsc.study.leading import ending
 from optsc.study.lifting import is_lifted
-from optsc.study.staging import Stage
 from optsc.study.tracks import Track
 
 LONGEST_MOTION = 30.0
 """Time that the robot has from the last moment at which it may take over [s]."""
 
 
-def execute_physically(stage: Stage, person: Person, condition: Condition) -> tuple[Track, str, bool]:
+def execute_physically(
+    stage: EpisodeSetup, person: OperatorSpec, condition: Condition
+) -> tuple[Track, str, bool]:
     """Return the track up to the end of the first automatic motion, how that ended, and whether the goal was lifted."""
     with stage.follower() as follower:
         whole = run(

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from optsc.selection import Cascade, Rule, Stage, WeightedSum
-from optsc.study.conditions import Condition, Person
+from optsc.study.conditions import Condition, OperatorSpec
 from optsc.study.engine import Engine
+from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.scenes import Scene
-from optsc.study.staging import Settings
 from optsc.study.statistics import kendall_tau, mean_of
 
 SIZES = (0.05, 0.1, 0.2, 0.5, 1.0)
@@ -63,10 +63,10 @@ def _count(keep: int, size: float, rng: np.random.Generator) -> int:
 
 
 def stability(
-    cases: Sequence[tuple[Scene, Person]],
+    cases: Sequence[tuple[Scene, OperatorSpec]],
     conditions: Sequence[Condition],
     *,
-    settings: Settings | None = None,
+    settings: EpisodeSettings | None = None,
     sizes: Sequence[float] = SIZES,
     draws: int = 8,
     seed: int = 0,

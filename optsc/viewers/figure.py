@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
-from optsc.viewers.figure_data import MANIPULABILITY_ONLY, PROPOSED, Curve, Situation
+from optsc.viewers.figure_data import MANIPULABILITY_ONLY, PROPOSED, Curve, SelectedGrasps
 from optsc.viewers.figure_scene import draw_situation, region
 from optsc.viewers.figure_views import INK, draw_legend, draw_views
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["MANIPULABILITY_ONLY", "PROPOSED", "Curve", "Situation", "approach_figure", "save_figure"]
+__all__ = ["MANIPULABILITY_ONLY", "PROPOSED", "Curve", "SelectedGrasps", "approach_figure", "save_figure"]
 
 OBJECT_COLOURS = ("#3a9d6e", "#8a63b0", "#c04a60", "#8c6d31", "#4aa3a2", "#7a8794")
 """One for each object, apart from those of the two strategies."""
@@ -36,7 +36,7 @@ _METADATA: dict[str, dict[str, None]] = {
 def approach_figure(
     objects: Mapping[str, tuple[TriangleMesh, Pose]],
     boxes: Array,
-    situations: Sequence[Situation],
+    situations: Sequence[SelectedGrasps],
     curves: Sequence[Curve],
     *,
     title: str | None = None,
@@ -95,7 +95,7 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     return path
 
 
-def _check(objects: Mapping[str, Any], situations: Sequence[Situation], curves: Sequence[Curve]) -> None:
+def _check(objects: Mapping[str, Any], situations: Sequence[SelectedGrasps], curves: Sequence[Curve]) -> None:
     counts = (len(objects), len(situations), len(curves))
     if not all(counts):
         raise InvalidValue("objects, situations, curves", counts, "at least one of each")

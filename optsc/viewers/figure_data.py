@@ -17,7 +17,7 @@ PROPOSED, MANIPULABILITY_ONLY = "#e8710a", "#1f6fb4"
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
+class SelectedGrasps:
     """Where the tool is at one moment, and which grasp is then selected for each object.
 
     Attributes:

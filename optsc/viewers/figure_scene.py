@@ -11,7 +11,7 @@ import numpy as np
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
 from optsc.viewers import shapes
-from optsc.viewers.figure_data import Situation
+from optsc.viewers.figure_data import SelectedGrasps
 
 Colour = tuple[float, float, float]
 Scene = Mapping[str, tuple[TriangleMesh, Pose]]
@@ -32,7 +32,7 @@ def mixed(colour: Colour, share: float) -> Colour:
     return (r, g, b)
 
 
-def region(objects: Scene, situations: Sequence[Situation], boxes: Array) -> tuple[Array, Array]:
+def region(objects: Scene, situations: Sequence[SelectedGrasps], boxes: Array) -> tuple[Array, Array]:
     """Return lower and upper corner (3,) [m] of a box on the table about everything in ``situations``."""
     points = [shapes.mesh_triangles(mesh, X_WO) for mesh, X_WO in objects.values()]
     for situation in situations:
@@ -51,7 +51,7 @@ def draw_situation(
     objects: Scene,
     colours: Mapping[str, str],
     boxes: Array,
-    situation: Situation,
+    situation: SelectedGrasps,
     within: tuple[Array, Array],
 ) -> None:
     """Draw ``situation`` into 3-D ``axes``, with the box ``within`` (see `region`) filling them."""

@@ -9,11 +9,11 @@ from optsc.cli import main
 from optsc.errors import InvalidValue, UnknownName
 from optsc.robot.manipulability import DEFINITIONS
 from optsc.study.approach import CLAIMS, approach_conditions, compare, explanation, failures, pairs_of
-from optsc.study.conditions import Person
+from optsc.study.conditions import OperatorSpec
+from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.outcomes import CHOSEN, JUMPS, MEASURED
 from optsc.study.scenes import random_scene
 from optsc.study.stability import stability
-from optsc.study.staging import Settings
 
 
 def row(condition, scene, **changes):
@@ -162,13 +162,13 @@ def test_a_failing_case_can_be_told_in_words():
     longer = {"paper": 2.0, "manipulability": 1.0}
     rows = [row(name, scene.hash, path_length_m=x, **changes) for name, x in longer.items()]
     (failure,) = failures(rows)
-    words = explanation(failure, Settings(), scene)
+    words = explanation(failure, EpisodeSettings(), scene)
     assert "hand-over at" in words
     assert "greatest M" in words
 
 
 def test_rankings_hold_without_and_give_way_under_perturbation():
-    case = (random_scene("panda", 3, objects=("can", "box")), Person(seed=3))
+    case = (random_scene("panda", 3, objects=("can", "box")), OperatorSpec(seed=3))
     from optsc.study.sweep.space import conditions
 
     rule = conditions([{"weight.orientation": 1.0, "weight.position": 1.0, "weight.manipulability": 1.0}])

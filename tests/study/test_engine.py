@@ -11,31 +11,31 @@ from optsc.robot.manipulability import DEFINITIONS
 from optsc.selection import PoseDistance, WeightedSum
 from optsc.selection.costs import JointTravel, ManipulabilityLoss, OrientationDistance, PositionDistance
 from optsc.session import run
-from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
+from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, OperatorSpec
 from optsc.study.engine import Engine
+from optsc.study.episode_setup import EpisodeSettings, EpisodeSetup, episode_key
 from optsc.study.outcomes import MEASURED, Job, do, rows
 from optsc.study.scenes import LEVELS, Scene, grade, random_scene, scene_set
-from optsc.study.staging import Settings, Stage, episode_key
 
 WEIGHTED = Condition(
     "weighted", WeightedSum(((OrientationDistance(), 1.0), (ManipulabilityLoss(), 8.0), (JointTravel(), 0.2)))
 )
 POSES = Condition("poses", WeightedSum(((PoseDistance(), 1.0), (PositionDistance(), 2.0))), "simox")
 CONDITIONS = (PAPER, MANIPULABILITY_ONLY, PAPER.with_measure("inverse-condition"), WEIGHTED, POSES)
-SETTINGS = Settings()
+SETTINGS = EpisodeSettings()
 OBJECTS = ("box", "can", "mug")
 
 
 @pytest.fixture(scope="module", params=["panda", "ur5"])
 def engine(request):
-    engine = Engine(random_scene(request.param, 4, objects=OBJECTS), Person(seed=4), SETTINGS)
+    engine = Engine(random_scene(request.param, 4, objects=OBJECTS), OperatorSpec(seed=4), SETTINGS)
     engine.choices(CONDITIONS)
     return engine
 
 
 def plain_run(engine, condition):
     """The same episode without anything shared."""
-    stage = Stage(engine.stage.scene, SETTINGS)
+    stage = EpisodeSetup(engine.stage.scene, SETTINGS)
     return run(
         stage.controller(condition),
         operator=engine.person.operator(stage.scene.goal, stage.scene.objects),
@@ -99,7 +99,7 @@ def test_both_strategies_start_from_the_same_moment(engine):
 def test_whoever_refuses_waits_for_the_next_hand_over():
     """A grasp out of reach is refused; the person then aims anew, in the engine as in a plain run."""
     scene = Scene("panda", ("can",), ((0.86, 0.0, 0.0),), "can")
-    engine = Engine(scene, Person(seed=1), SETTINGS)
+    engine = Engine(scene, OperatorSpec(seed=1), SETTINGS)
     (choice,) = engine.choices([PAPER])
     plain = plain_run(engine, PAPER)
     starts = [i for i in plain.switches() if plain.modes[i] is Mode.APPROACH]
@@ -113,11 +113,11 @@ def test_whoever_refuses_waits_for_the_next_hand_over():
 
 def test_people_who_step_in_and_unknown_followers_are_refused():
     with pytest.raises(InvalidValue, match="step in"):
-        Engine(random_scene("panda", 0, objects=OBJECTS), Person("mind-changing"))
+        Engine(random_scene("panda", 0, objects=OBJECTS), OperatorSpec("mind-changing"))
     with pytest.raises(UnknownName, match="pybullet"):
-        Settings(follower="gazebo")
+        EpisodeSettings(follower="gazebo")
     with pytest.raises(UnknownName, match="typical"):
-        Person("sleepy")
+        OperatorSpec("sleepy")
 
 
 def test_a_scene_is_the_same_for_the_same_seed_and_in_a_file():
@@ -160,22 +160,22 @@ def test_what_is_wrong_with_a_scene_is_said():
 
 
 def test_the_key_of_an_episode_holds_everything_but_the_condition():
-    scene, person = random_scene("panda", 1, objects=OBJECTS), Person(seed=1)
+    scene, person = random_scene("panda", 1, objects=OBJECTS), OperatorSpec(seed=1)
     keys = {
         episode_key(scene, person, SETTINGS),
         episode_key(random_scene("panda", 2, objects=OBJECTS), person, SETTINGS),
         episode_key(random_scene("ur5", 1, objects=OBJECTS), person, SETTINGS),
-        episode_key(scene, Person(seed=2), SETTINGS),
-        episode_key(scene, Person("hasty", 1), SETTINGS),
-        episode_key(scene, person, Settings(rate=500.0)),
-        episode_key(scene, person, Settings(follower="pybullet")),
+        episode_key(scene, OperatorSpec(seed=2), SETTINGS),
+        episode_key(scene, OperatorSpec("hasty", 1), SETTINGS),
+        episode_key(scene, person, EpisodeSettings(rate=500.0)),
+        episode_key(scene, person, EpisodeSettings(follower="pybullet")),
     }
     assert len(keys) == 7
 
 
 def test_in_a_simulated_world_the_same_choice_is_lifted():
     scene = random_scene("panda", 4, objects=("can", "mug", "box"))
-    (row,) = do(Job(scene, Person(seed=4), Settings(follower="pybullet"), (PAPER,)))
+    (row,) = do(Job(scene, OperatorSpec(seed=4), EpisodeSettings(follower="pybullet"), (PAPER,)))
     assert row["arrived"]
     assert row["success"]
     assert row["path_length_m"] > 0.05

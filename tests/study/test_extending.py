@@ -21,10 +21,10 @@ from optsc.study import (
     PAPER,
     Arm,
     Cases,
-    Person,
+    EpisodeSettings,
+    EpisodeSetup,
+    OperatorSpec,
     Scene,
-    Settings,
-    Stage,
     episode_key,
     policy_jobs,
     random_scene,
@@ -35,7 +35,7 @@ from optsc.study.scenes import grade
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)], dtype=float)
 SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-PERSON = Person("typical", 3)
+PERSON = OperatorSpec("typical", 3)
 
 
 def block(width=0.02, mass=0.2):
@@ -156,7 +156,7 @@ def test_a_stored_scene_wants_its_own_things_back():
 def test_own_objects_are_grasped_and_graded():
     scene = random_scene("panda", 2, objects=[block(), "can"])
     assert set(scene.objects) == {"block", "can"}
-    stage = Stage(replace(scene, goal="block"), Settings())
+    stage = EpisodeSetup(replace(scene, goal="block"), EpisodeSettings())
     assert len(stage.library["block"]) > 20
     assert grade(stage.scene).reachable > 0.0
     assert set(stage.candidates.object_names) == {"block", "can"}
@@ -171,37 +171,40 @@ def stored(panda, tmp_path):
 
 def test_stored_grasps_are_those_that_a_stage_chooses_from(stored):
     scene = Scene("panda", ("can",), ((0.5, 0.1, 0.0),), "can")
-    assert len(Stage(scene, Settings(library=stored)).library["can"]) == 10
-    assert len(Stage(scene, Settings()).library["can"]) > 10
+    assert len(EpisodeSetup(scene, EpisodeSettings(library=stored)).library["can"]) == 10
+    assert len(EpisodeSetup(scene, EpisodeSettings()).library["can"]) > 10
 
 
 def test_rows_are_told_apart_by_the_grasps_and_not_by_their_folder(stored, panda, tmp_path):
     scene = Scene("panda", ("can",), ((0.5, 0.1, 0.0),), "can")
-    here = episode_key(scene, PERSON, Settings(library=stored))
-    assert here != episode_key(scene, PERSON, Settings())
+    here = episode_key(scene, PERSON, EpisodeSettings(library=stored))
+    assert here != episode_key(scene, PERSON, EpisodeSettings())
     GraspLibrary.load(stored).save(tmp_path / "b")
-    assert episode_key(scene, PERSON, Settings(library=str(tmp_path / "b"))) == here
+    assert episode_key(scene, PERSON, EpisodeSettings(library=str(tmp_path / "b"))) == here
     GraspLibrary({"can": library_of(panda, ("can",))["can"]}).save(tmp_path / "b")
-    assert episode_key(scene, PERSON, Settings(library=tmp_path / "b")) == episode_key(
-        scene, PERSON, Settings()
+    assert episode_key(scene, PERSON, EpisodeSettings(library=tmp_path / "b")) == episode_key(
+        scene, PERSON, EpisodeSettings()
     )
 
 
 def test_an_object_without_stored_grasps_is_an_error_before_anything_is_computed(stored, tmp_path):
     scene = random_scene("panda", 1, objects=["can", "mug"])
-    (job,) = Cases(scenes=[scene], settings=Settings(library=stored)).jobs([PAPER])
+    (job,) = Cases(scenes=[scene], settings=EpisodeSettings(library=stored)).jobs([PAPER])
     with pytest.raises(UnknownName, match="mug"):
         job.keys()
     with pytest.raises(DamagedFile):
-        episode_key(scene, PERSON, Settings(library=tmp_path / "nothing"))
+        episode_key(scene, PERSON, EpisodeSettings(library=tmp_path / "nothing"))
 
 
 def test_the_clearance_of_a_row_is_also_that_to_own_objects():
     scene = scene_with(block())
-    stage = Stage(scene, Settings())
+    stage = EpisodeSetup(scene, EpisodeSettings())
     X_WG = Pose(np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.5, -0.15, 0.115]))
     above = solve_ik(stage.robot, X_WG, seeds=stage.robot.home).q.reshape(1, -1)
-    near, alone = nearest_to(stage), Stage(Scene("panda", ("can",), scene.places[:1], "can"), Settings())
+    near, alone = (
+        nearest_to(stage),
+        EpisodeSetup(Scene("panda", ("can",), scene.places[:1], "can"), EpisodeSettings()),
+    )
     assert near(above)[0] < 0.02 < nearest_to(alone)(above)[0]
 
 

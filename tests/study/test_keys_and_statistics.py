@@ -9,7 +9,7 @@ from optsc.errors import InvalidValue
 from optsc.robot.manipulability import DEFINITIONS
 from optsc.selection import Cascade, WeightedSum
 from optsc.selection.costs import OrientationDistance, PositionDistance
-from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, Person
+from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, OperatorSpec
 from optsc.study.keys import canonical, key
 from optsc.study.stability import perturbed
 from optsc.study.statistics import (
@@ -25,8 +25,8 @@ from optsc.study.statistics import (
 
 def test_a_key_is_the_same_in_every_process():
     code = (
-        "from optsc.study.conditions import PAPER, Person; from optsc.study.keys import key;"
-        "print(PAPER.key, key(Person('hasty', 3).describe()))"
+        "from optsc.study.conditions import PAPER, OperatorSpec; from optsc.study.keys import key;"
+        "print(PAPER.key, key(OperatorSpec('hasty', 3).describe()))"
     )
     found = [
         subprocess.run(
@@ -34,7 +34,7 @@ def test_a_key_is_the_same_in_every_process():
         ).stdout.split()
         for _ in range(2)
     ]
-    assert found[0] == found[1] == [PAPER.key, key(Person("hasty", 3).describe())]
+    assert found[0] == found[1] == [PAPER.key, key(OperatorSpec("hasty", 3).describe())]
 
 
 def test_whatever_changes_the_choice_changes_the_key_and_the_name_does_not():

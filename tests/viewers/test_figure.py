@@ -7,7 +7,14 @@ import pytest
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.viewers import shapes
-from optsc.viewers.figure import MANIPULABILITY_ONLY, PROPOSED, Curve, Situation, approach_figure, save_figure
+from optsc.viewers.figure import (
+    MANIPULABILITY_ONLY,
+    PROPOSED,
+    Curve,
+    SelectedGrasps,
+    approach_figure,
+    save_figure,
+)
 
 # Corner c of a cube has its upper coordinate along x, y, z where bit 2, 1, 0 of c is set.
 CORNERS = [[x, y, z] for x in (-0.03, 0.03) for y in (-0.03, 0.03) for z in (0.0, 0.1)]
@@ -22,7 +29,7 @@ OBJECTS = {
 BOXES = np.array([[[-0.03, -0.1, -0.13], [0.03, 0.1, -0.04]], [[-0.01, 0.04, -0.04], [0.01, 0.06, 0.01]]])
 DOWN = [0.0, 1.0, 0.0, 0.0]
 X_WG = Pose.from_quaternion(DOWN, [0.5, 0.1, 0.07])
-SITUATION = Situation("pose 1", Pose.from_quaternion(DOWN, [0.4, 0.0, 0.25]), {"box": X_WG})
+SITUATION = SelectedGrasps("pose 1", Pose.from_quaternion(DOWN, [0.4, 0.0, 0.25]), {"box": X_WG})
 
 
 def way(bend, colour=PROPOSED, label="proposed", marker=X_WG):
@@ -90,7 +97,7 @@ def test_the_legend_names_each_strategy_with_the_length_of_its_way(figure):
 
 def test_the_scene_has_a_marker_for_each_selected_grasp():
     def facets(grasps):
-        figure = approach_figure(OBJECTS, BOXES, [Situation("", SITUATION.X_WT, grasps)], CURVES)
+        figure = approach_figure(OBJECTS, BOXES, [SelectedGrasps("", SITUATION.X_WT, grasps)], CURVES)
         figure.canvas.draw()
         return max(len(collection.get_facecolor()) for collection in figure.axes[0].collections)
 
@@ -128,11 +135,11 @@ def test_drawing_needs_neither_a_display_nor_the_global_figure_state(tmp_path):
     code = (
         "import sys, numpy as np\n"
         "from optsc.geometry import Pose, TriangleMesh\n"
-        "from optsc.viewers.figure import Curve, Situation, approach_figure, save_figure\n"
+        "from optsc.viewers.figure import Curve, SelectedGrasps, approach_figure, save_figure\n"
         "assert 'matplotlib' not in sys.modules\n"
         "mesh = TriangleMesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], [[0, 2, 1], [0, 1, 3]])\n"
         "scene = {'corner': (mesh, Pose.identity())}\n"
-        "situations = [Situation('', Pose.identity(), {})]\n"
+        "situations = [SelectedGrasps('', Pose.identity(), {})]\n"
         "curve = Curve('way', np.zeros((2, 3)) + [[0], [1]], [False, True])\n"
         "figure = approach_figure(scene, np.zeros((0, 2, 3)), situations, [curve])\n"
         f"save_figure(figure, {str(tmp_path / 'a.png')!r})\n"
@@ -148,7 +155,7 @@ def test_what_cannot_be_drawn_is_refused():
     with pytest.raises(InvalidValue, match="at least one"):
         approach_figure(OBJECTS, BOXES, [], CURVES)
     with pytest.raises(InvalidValue, match="box, crate"):
-        approach_figure(OBJECTS, BOXES, [Situation("", X_WG, {"can": X_WG})], CURVES)
+        approach_figure(OBJECTS, BOXES, [SelectedGrasps("", X_WG, {"can": X_WG})], CURVES)
     with pytest.raises(InvalidValue, match="modes"):
         Curve("way", np.zeros((5, 3)), np.zeros(4))
     with pytest.raises(InvalidValue, match="curve 'way'"):

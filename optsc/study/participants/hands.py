@@ -10,7 +10,7 @@ from typing import NamedTuple
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.operators import HandRecording, Operator, Recorded
 from optsc.people.people import TYPES
-from optsc.study.conditions import Person
+from optsc.study.conditions import OperatorSpec
 from optsc.study.loading import load_named
 from optsc.study.participants.design import Trial
 from optsc.study.scenes import Scene
@@ -78,11 +78,11 @@ def hand_of(text: str) -> Hand:
 
 def simulated(kind: str) -> Hand:
     """Return simulated people of a kind; raise `UnknownName`."""
-    Person(kind)
+    OperatorSpec(kind)
 
     def operator(situation: Situation) -> Operator:
         trial, scene, by_hand = situation
-        return Person(kind, trial.scene_seed).operator(scene.goal, scene.objects, by_hand=by_hand)
+        return OperatorSpec(kind, trial.scene_seed).operator(scene.goal, scene.objects, by_hand=by_hand)
 
     return Hand(kind, operator)
 

@@ -14,11 +14,11 @@ from optsc.control.policies import make_policy
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.robot import ROBOT_NAMES
 from optsc.sim import OBJECT_NAMES
+from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.keys import key
 from optsc.study.participants.design import StudyDesign, Trial
 from optsc.study.participants.sitting import Sitting
 from optsc.study.scenes import LEVELS, Scene, random_scene
-from optsc.study.staging import Settings
 
 PLAN_FILE = "plan.json"
 FORMAT = 1
@@ -65,9 +65,9 @@ class StudyPlan:
         _ = self.settings
 
     @cached_property
-    def settings(self) -> Settings:
+    def settings(self) -> EpisodeSettings:
         """What all trials share."""
-        return Settings(rate=self.rate, longest=self.design.time_limit, follower=self.follower)
+        return EpisodeSettings(rate=self.rate, longest=self.design.time_limit, follower=self.follower)
 
     @cached_property
     def key(self) -> str:

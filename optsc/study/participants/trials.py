@@ -13,12 +13,12 @@ from optsc.errors import InvalidValue
 from optsc.followers import Follower
 from optsc.records import Tick
 from optsc.study.arbitration import PolicyCondition, outcome, play
+from optsc.study.episode_setup import EpisodeSetup
 from optsc.study.participants.design import Trial
 from optsc.study.participants.hands import Hand, Situation
 from optsc.study.participants.live import PacedFollower
 from optsc.study.participants.plan import StudyPlan
 from optsc.study.participants.sitting import RunTrial, TrialResult
-from optsc.study.staging import Stage
 
 
 def trial_runner(
@@ -62,7 +62,7 @@ def _carry_out(
     trial: Trial,
     time_limit: float,
 ) -> TrialResult:
-    stage = Stage(plan.scene(trial), plan.settings)
+    stage = EpisodeSetup(plan.scene(trial), plan.settings)
     policy = make_policy(trial.condition)
     situation = Situation(trial, stage.scene, policy.trigger is Trigger.GRASPS)
     labels = _labels(plan, stage, policy, hand)
@@ -77,7 +77,7 @@ def _carry_out(
     return TrialResult(ticks, bool(row.pop("success")), {**labels, **row})
 
 
-def _labels(plan: StudyPlan, stage: Stage, policy: Arbitration, hand: Hand) -> dict[str, Any]:
+def _labels(plan: StudyPlan, stage: EpisodeSetup, policy: Arbitration, hand: Hand) -> dict[str, Any]:
     facts = {
         "study": plan.design.name,
         "plan": plan.key,

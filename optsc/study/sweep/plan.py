@@ -9,10 +9,10 @@ from optsc.errors import InvalidValue
 from optsc.people.people import TYPES
 from optsc.sim import ObjectModel
 from optsc.study.arms import Arm
-from optsc.study.conditions import Condition, Person
+from optsc.study.conditions import Condition, OperatorSpec
+from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.outcomes import Job
 from optsc.study.scenes import Scene, scene_set
-from optsc.study.staging import Settings
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Cases:
     objects: int | tuple[str | ObjectModel, ...] = 3
     people: tuple[str, ...] = ("typical",)
     repetitions: int = 1
-    settings: Settings = field(default_factory=Settings)
+    settings: EpisodeSettings = field(default_factory=EpisodeSettings)
 
     def __post_init__(self) -> None:
         if not isinstance(self.scenes, int):
@@ -61,10 +61,10 @@ class Cases:
             return list(self.scenes)
         return scene_set(self.robots, self.scenes, self.seed, level=self.level, objects=self.objects)
 
-    def pairs(self) -> list[tuple[Scene, Person]]:
+    def pairs(self) -> list[tuple[Scene, OperatorSpec]]:
         """Return every scene with every person: the same people for the same scene number of every arm."""
         return [
-            (scene, Person(kind, (scene.seed + repetition) % 2**31))
+            (scene, OperatorSpec(kind, (scene.seed + repetition) % 2**31))
             for scene in self.all_scenes()
             for kind in self.people
             for repetition in range(self.repetitions)
@@ -77,7 +77,7 @@ class Cases:
         could not share their work. `optsc.study.policy_jobs` takes them.
         """
         for kind in self.people:
-            if Person(kind).steps_in:
-                valid = [name for name in TYPES if not Person(name).steps_in]
+            if OperatorSpec(kind).steps_in:
+                valid = [name for name in TYPES if not OperatorSpec(name).steps_in]
                 raise InvalidValue("people", kind, f"those who do not step in on the way: {', '.join(valid)}")
         return [Job(scene, person, self.settings, tuple(conditions)) for scene, person in self.pairs()]

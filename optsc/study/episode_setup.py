@@ -20,7 +20,7 @@ from optsc.people.simulated import R_WS_DEFAULT
 from optsc.robot import RobotModel
 from optsc.robot.collision import CollisionModel
 from optsc.selection import GraspClearance
-from optsc.study.conditions import PAPER, Condition, Person
+from optsc.study.conditions import PAPER, Condition, OperatorSpec
 from optsc.study.fresh import FreshSelector, Tables
 from optsc.study.keys import key, plain
 from optsc.study.libraries import grasps_hash, library_of
@@ -36,7 +36,7 @@ LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True)
-class Settings:
+class EpisodeSettings:
     """What all conditions of a study share.
 
     Attributes:
@@ -69,7 +69,7 @@ def collision_model(robot: RobotModel) -> CollisionModel:
     return CollisionModel(robot)
 
 
-def episode_key(scene: Scene, person: Person, settings: Settings) -> str:
+def episode_key(scene: Scene, person: OperatorSpec, settings: EpisodeSettings) -> str:
     """Return a hash of everything but the condition that determines a row.
 
     Raises what `library_of` does: `UnknownName` for an object without stored grasps, for one.
@@ -82,10 +82,10 @@ def episode_key(scene: Scene, person: Person, settings: Settings) -> str:
     return key([ENGINE, optsc.__version__, scene.hash, grasps, person.describe(), shared, limits, robot.home])
 
 
-class Stage:
+class EpisodeSetup:
     """A scene made ready: the world, its candidates, and which of them the arm can carry out."""
 
-    def __init__(self, scene: Scene, settings: Settings) -> None:
+    def __init__(self, scene: Scene, settings: EpisodeSettings) -> None:
         self.scene, self.settings = scene, settings
         self.world = scene.world()
         self.robot = self.world.robot
