@@ -2,6 +2,7 @@
 
 import optsc
 from optsc.followers import IdealFollower
+from optsc.study.participants.live import PacedFollower
 from optsc.testing import FollowerContract
 
 
@@ -38,3 +39,10 @@ class TestIdealWithoutGripper(FollowerContract):
 
     def make_follower(self, robot):
         return IdealFollower(robot)
+
+
+class TestPaced(FollowerContract):
+    tolerance = 1e-12
+
+    def make_follower(self, robot):
+        return PacedFollower(IdealFollower(robot), clock=lambda: 0.0, sleep=lambda seconds: None)
