@@ -15,6 +15,7 @@ LEVELS = (
     ("errors", "cache"),
     ("checks",),
     ("geometry",),
+    ("kernels",),
     ("robot",),
     ("grasps",),
     ("ik", "shaping", "operators", "followers"),
@@ -35,7 +36,7 @@ LEVEL = {room: i for i, rooms in enumerate(LEVELS) for room in rooms}
 FENCES = {
     "pinocchio": {"robot"},
     "coal": {"robot"},
-    "casadi": {"robot"},
+    "casadi": {"kernels"},
     "qpsolvers": {"ik"},
     "proxsuite": {"ik"},
     "daqp": {"ik"},

@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     import optsc
     from optsc.cache import cache_directory
     from optsc.ik import solver_names
-    from optsc.robot.kernels.build import compiler
+    from optsc.kernels.build import compiler
 
     print(
         f"optsc {optsc.__version__} on Python {platform.python_version()}, {platform.system()} {platform.machine()}"
@@ -66,7 +66,7 @@ def _print_kernels(robot_name: str) -> None:
     import numpy as np
 
     from optsc.robot import load_robot
-    from optsc.robot.kernels.comparison import compare_kernels
+    from optsc.robot.comparison import compare_kernels
 
     found = compare_kernels(load_robot(robot_name), np.random.default_rng(0))
     if not all(one.compiled for one in found):

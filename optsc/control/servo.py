@@ -23,12 +23,12 @@ from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.ik import Avoidance, DifferentialIK, IkSettings, make_solver, ramp_time, tool_braking
+from optsc.kernels.kernel import build_kernel
+from optsc.kernels.reference import ReferenceSettings, reference_model
+from optsc.kernels.viable import Bound
 from optsc.operators import prediction
 from optsc.operators.prediction import REST, PredictionSettings, Track
 from optsc.robot import JointLimits, RobotModel
-from optsc.robot.differential import ReferenceSettings, reference_model
-from optsc.robot.kernels.kernel import build_kernel
-from optsc.robot.viable import Bound
 from optsc.shaping import JointGuard
 
 NEAR = 0.99

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from optsc.geometry import rotation
 from optsc.geometry.rotation import Array
+from optsc.ik.reach import Reach, reach
 from optsc.ik.starts import FIRST_TABLE_SEED, TABLE, StartTable, features
-from optsc.robot.kernels.inverse import STARTS, search
-from optsc.robot.kernels.kernel import BatchKernel, Kernel, build_batch_kernel, build_kernel
-from optsc.robot.kernels.kinematics import axis_of, forward_kinematics
-from optsc.robot.kernels.reach import Reach, reach
+from optsc.kernels.chain import forward_kinematics
+from optsc.kernels.kernel import BatchKernel, Kernel, build_batch_kernel, build_kernel
+from optsc.kernels.search import STARTS, search
 from optsc.robot.limits import JointLimits
 from optsc.robot.model import RobotModel
 
@@ -54,17 +54,17 @@ class Solver:
     @cached_property
     def search(self) -> BatchKernel:
         """Attempts with one tolerance for all components."""
-        return build_batch_kernel(search(self.robot), LOOP, shared=2)
+        return build_batch_kernel(search(self.robot.chain), LOOP, shared=2)
 
     @cached_property
     def search_by_component(self) -> BatchKernel:
         """Attempts with six tolerances."""
-        return build_batch_kernel(search(self.robot, by_component=True), LOOP, shared=2)
+        return build_batch_kernel(search(self.robot.chain, by_component=True), LOOP, shared=2)
 
     @cached_property
     def search_one(self) -> Kernel:
         """Attempts at a single pose with one tolerance, without the way into and out of a loop."""
-        kernel = build_kernel(search(self.robot))
+        kernel = build_kernel(search(self.robot.chain))
         kernel.inputs[5][:], kernel.inputs[6][:] = self.shared
         return kernel
 
@@ -81,7 +81,7 @@ class Solver:
     @cached_property
     def forward(self) -> BatchKernel:
         """Forward kinematics."""
-        return build_batch_kernel(forward_kinematics(self.robot), LOOP)
+        return build_batch_kernel(forward_kinematics(self.robot.chain), LOOP)
 
     def table(self, rng: np.random.Generator) -> StartTable:
         """Draw a table of starts."""
@@ -112,7 +112,7 @@ class Solver:
 def solver_of(robot: RobotModel) -> Solver:
     """Return the solver of an arm."""
     lower, upper = robot.limits.lower, robot.limits.upper
-    slides = np.array([axis_of(robot, i)[1] for i in range(robot.n)])
+    slides = np.array(robot.chain.slides)
     turns = (upper - lower >= 2.0 * np.pi) & ~slides
     bounds = np.concatenate([np.where(turns, -np.inf, lower), np.where(turns, np.inf, upper)])
     return Solver(
@@ -129,7 +129,7 @@ class Batch:
 
     Attributes:
         solver: of the arm.
-        targets: (N, 8) or (N, 13), as `optsc.robot.kernels.search` takes them.
+        targets: (N, 8) or (N, 13), as `optsc.kernels.search` takes them.
         seeds: (N, n), the postures near which turning joints end.
         best: (N, n + 3): posture, residual, success, iterations.
     """

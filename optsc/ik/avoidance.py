@@ -18,9 +18,9 @@ from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.ik.solvers import QpSolver, Rows
+from optsc.kernels.rows import RowSettings
 from optsc.robot.collision import Shape
 from optsc.robot.distances import DistanceModel, DistanceRows
-from optsc.robot.kernels.rows import RowSettings
 from optsc.robot.model import RobotModel
 
 ACTIVE = 1e-4

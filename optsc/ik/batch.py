@@ -3,7 +3,7 @@
 Every pose is first tried from its seeds, so that the branch found is the one that the arm would be driven to.
 What is left starts again from postures that already hold the tool near the pose: the nearest of a table of
 random postures. Each round takes all poses that are left through one compiled loop
-(`optsc.robot.kernels.search`). Poses that are still left are tried without limits, which tells why they have no
+(`optsc.kernels.search.search`). Poses that are still left are tried without limits, which tells why they have no
 posture.
 """
 
@@ -35,7 +35,7 @@ from optsc.ik.choice import (
     refine,
 )
 from optsc.ik.starts import TABLE
-from optsc.robot.kernels.inverse import STARTS
+from optsc.kernels.search import STARTS
 from optsc.robot.model import RobotModel
 
 RESTARTS = 32

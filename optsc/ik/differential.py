@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
 from optsc.ik.solvers import QpSolver, Rows, make_solver
-from optsc.robot.differential import PoseTaskSettings, pose_task
-from optsc.robot.kernels.kernel import build_kernel
+from optsc.kernels.kernel import build_kernel
+from optsc.kernels.pose_task import PoseTaskSettings, pose_task
 from optsc.robot.limits import JointLimits
 from optsc.robot.manipulability import Manipulability
 from optsc.robot.model import RobotModel
@@ -177,7 +177,7 @@ class DifferentialIK:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.period) and self.period > 0):
             raise InvalidValue("period", self.period, "positive [s]")
-        self._kernel = build_kernel(pose_task(self.robot))
+        self._kernel = build_kernel(pose_task(self.robot.chain))
         self._q, self._reference, self._twist, self._posture, self._onward, vector = self._kernel.inputs
         self._carried = smoothness(self.settings.smoothing, self.period)[1] * self.period
         vector[:] = self.settings.vector(self.robot.limits, self.period)

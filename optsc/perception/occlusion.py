@@ -257,12 +257,10 @@ def _inside(right: np.ndarray, down: np.ndarray, a: Array, b: Array, r: float) -
 @lru_cache(maxsize=16)
 def _joints(robot: RobotModel) -> tuple[tuple[int, Pose, Array, bool], ...]:
     """Return for each joint its parent, its frame in the parent's, its axis and whether it slides."""
-    from optsc.robot.kernels.kinematics import axis_of
-
-    joints = []
+    chain, joints = robot.chain, []
     for i in range(robot.n):
         placement = robot.model.jointPlacements[i + 1]
-        axis, slides = axis_of(robot, i)
+        axis, slides = chain.axis[i], chain.slides[i]
         joints.append((robot.model.parents[i + 1] - 1, Pose.from_matrix(placement.homogeneous), axis, slides))
     return tuple(joints)
 

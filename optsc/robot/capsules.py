@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +21,7 @@ import pinocchio
 from optsc.cache import cache_directory, write_atomically
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry.rotation import Array
+from optsc.kernels.capsules import LinkCapsules
 from optsc.robot.model import RobotModel
 
 MOST_CAPSULES = 3
@@ -58,26 +58,6 @@ class Capsule(NamedTuple):
         """[m^3]."""
         length = float(np.linalg.norm(self.b - self.a))
         return np.pi * self.radius**2 * (length + 4.0 / 3.0 * self.radius)
-
-
-@dataclass(frozen=True, eq=False)
-class LinkCapsules:
-    """The capsules of an arm with its hand.
-
-    Attributes:
-        link: name of the link that each of the C capsules covers. The two fingers count as one body, in every
-            position of the jaws.
-        joint: (C,) the joint of the arm that carries it, 0 to n - 1; -1 for what no joint moves.
-        ends: (C, 2, 3) ends of the segments in the frame of that joint [m].
-        radius: (C,) [m].
-        hand: (C,) bool: part of the hand.
-    """
-
-    link: tuple[str, ...]
-    joint: np.ndarray
-    ends: Array
-    radius: Array
-    hand: np.ndarray
 
 
 def distance_to_segment(points: Array, a: Array, b: Array) -> Array:

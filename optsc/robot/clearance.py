@@ -15,10 +15,11 @@ import numpy as np
 
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
+from optsc.kernels.capsules import LinkCapsules, capsule_ends
+from optsc.kernels.clearance import BOX, between_capsules, clearance
+from optsc.kernels.kernel import BatchKernel, build_batch_kernel
 from optsc.robot.boxes import boxes_of
-from optsc.robot.capsules import LinkCapsules, link_capsules
-from optsc.robot.kernels.clearance import BOX, between_capsules, capsule_ends, clearance
-from optsc.robot.kernels.kernel import BatchKernel, build_batch_kernel
+from optsc.robot.capsules import link_capsules
 from optsc.robot.model import RobotModel
 
 HORIZON = 0.2
@@ -114,7 +115,9 @@ def level_ends(robot: RobotModel) -> np.ndarray:
 
 def _heights(robot: RobotModel) -> tuple[Array, Array]:
     """Return the least and the greatest height (C, 2) of the ends of the hulls' capsules over sampled postures [m]."""
-    ends = capsule_ends(robot, link_capsules(robot, True)).map(SAMPLES)(_samples(robot)[:SAMPLES].T).full()
+    ends = (
+        capsule_ends(robot.chain, link_capsules(robot, True)).map(SAMPLES)(_samples(robot)[:SAMPLES].T).full()
+    )
     height = ends[[2, 5]].reshape(2, SAMPLES, -1)
     return height.min(axis=1).T, height.max(axis=1).T
 
@@ -134,7 +137,7 @@ def _samples(robot: RobotModel) -> Array:
 def _sampled(robot: RobotModel, capsules: LinkCapsules, pairs: Sequence[tuple[int, int]]) -> Array:
     """Return the distances (1 + `SAMPLES`, P) of pairs of capsules at home and at random postures [m]."""
     q = _samples(robot)
-    ends = capsule_ends(robot, capsules).map(len(q))(q.T).full().reshape(6, len(q), -1)
+    ends = capsule_ends(robot.chain, capsules).map(len(q))(q.T).full().reshape(6, len(q), -1)
     first, second = [a for a, _ in pairs], [b for _, b in pairs]
     radii = np.tile(capsules.radius[first] + capsules.radius[second], len(q))
     each = between_capsules().map(len(radii))
@@ -146,7 +149,7 @@ def _sampled(robot: RobotModel, capsules: LinkCapsules, pairs: Sequence[tuple[in
 def _kernel(robot: RobotModel, linked: LinkPairs, slots: int) -> BatchKernel:
     pairs, hulls = self_pairs(robot, linked), link_capsules(robot, True)
     over = ends_over_table(robot)
-    function = clearance(robot, link_capsules(robot), hulls, pairs.telling, pairs.close, over, slots)
+    function = clearance(robot.chain, link_capsules(robot), hulls, pairs.telling, pairs.close, over, slots)
     return build_batch_kernel(function, LOOP, shared=3)
 
 

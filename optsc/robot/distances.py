@@ -2,7 +2,7 @@
 
 Links are capsules (`optsc.robot.capsules`), obstacles are boxes around their convex parts: both hold what they stand
 for, so distances are never overestimated. Everything is worked out in one call of a compiled function
-(`optsc.robot.kernels.distances`).
+(`optsc.kernels.distances`).
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from numpy.typing import ArrayLike
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
+from optsc.kernels.capsules import LinkCapsules
+from optsc.kernels.distances import SelfPair, TableEnd, distance_rows
+from optsc.kernels.kernel import Kernel, build_kernel
+from optsc.kernels.rows import HEAD, Box
 from optsc.robot.boxes import boxes_of
-from optsc.robot.capsules import LinkCapsules, link_capsules
+from optsc.robot.capsules import link_capsules
 from optsc.robot.collision import TABLE, CollisionModel, Shape
-from optsc.robot.kernels.distances import SelfPair, TableEnd, distance_rows
-from optsc.robot.kernels.kernel import Kernel, build_kernel
-from optsc.robot.kernels.rows import HEAD, Box
 from optsc.robot.model import RobotModel
 
 SAMPLES = 400
@@ -109,7 +110,9 @@ class DistanceModel:
         self._slots = 0 if count == 0 else max(4, 1 << (count - 1).bit_length())
         self_pairs, table_ends = _relevant(robot, self.capsules, table_height, margin)
         self._lay_out(self_pairs, table_ends)
-        self._kernel = build_kernel(distance_rows(robot, self.capsules, self_pairs, table_ends, self._slots))
+        self._kernel = build_kernel(
+            distance_rows(robot.chain, robot.limits.rates, self.capsules, self_pairs, table_ends, self._slots)
+        )
         self._q, self._low, self._high, self.settings, self._boxes = self._kernel.inputs
         self.settings[:] = margin, table_height or 0.0, 1.0, 1.0, 0.1, 0.1
         self._rows = self._kernel.outputs[0].T  # (P, 3 + n)
@@ -206,7 +209,7 @@ def _relevant(
     moving = np.flatnonzero(capsules.joint >= 0).tolist() if table_height is not None else []
     long = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1) > ROUND
     ends = [TableEnd(c, e, 0.0) for c in moving for e in ((0, 1) if long[c] else (0,))]
-    kernel = build_kernel(distance_rows(robot, capsules, pairs, ends, 0))
+    kernel = build_kernel(distance_rows(robot.chain, robot.limits.rates, capsules, pairs, ends, 0))
     kernel.inputs[1][:], kernel.inputs[2][:] = -EVERYTHING, EVERYTHING
     kernel.inputs[3][:] = 0.0, table_height or 0.0, 1.0, 1.0, 0.1, 0.1
     postures = [robot.home, *robot.random_posture(np.random.default_rng(0), (SAMPLES,))]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
+from optsc.kernels.rows import Rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,16 @@ class JointLimits:
 
     def __len__(self) -> int:
         return len(self.lower)
+
+    @property
+    def positions(self) -> tuple[Array, Array]:
+        """Lower and upper positions, each (n,)."""
+        return self.lower, self.upper
+
+    @property
+    def rates(self) -> Rates:
+        """Greatest velocities and accelerations, each (n,), as the kernels of collision avoidance take them."""
+        return Rates(self.velocity, self.acceleration)
 
     @property
     def bounded(self) -> NDArray[np.bool_]:

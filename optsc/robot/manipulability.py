@@ -39,14 +39,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
 
-import casadi
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry.rotation import Array
-from optsc.robot.kernels import manipulability as parts
-from optsc.robot.kernels.kernel import BatchKernel, Kernel, build_batch_kernel, build_kernel
+from optsc.kernels import manipulability as parts
+from optsc.kernels.kernel import BatchKernel, Kernel, build_batch_kernel, build_kernel
 from optsc.robot.model import RobotModel
 
 SINGULARITY = ("yoshikawa", "inverse_condition", "minimum_singular_value")
@@ -186,23 +185,22 @@ DEFINITIONS: Mapping[str, Manipulability] = MappingProxyType(
 @lru_cache(maxsize=32)
 def _products(robot: RobotModel, joint_limits: str) -> BatchKernel:
     if joint_limits == "vahrenkamp":
-        return build_batch_kernel(parts.least_product(robot), LOOP, shared=1)
-    q, k, M = parts.penalised_product(robot, joint_limits)
-    return build_batch_kernel(casadi.Function("yoshikawa", [q, k], [M]), LOOP, shared=1)
+        return build_batch_kernel(parts.least_product(robot.chain, robot.limits.positions), LOOP, shared=1)
+    return build_batch_kernel(
+        parts.penalised_product(robot.chain, robot.limits.positions, joint_limits), LOOP, shared=1
+    )
 
 
 @lru_cache(maxsize=32)
 def _product_slope(robot: RobotModel, joint_limits: str) -> Kernel:
-    q, k, M = parts.penalised_product(robot, joint_limits)
-    slope = casadi.densify(casadi.gradient(M, q))
-    return build_kernel(casadi.Function("yoshikawa_gradient", [q, k], [slope]))
+    return build_kernel(parts.product_slope(robot.chain, robot.limits.positions, joint_limits))
 
 
 @lru_cache(maxsize=32)
 def _grams(robot: RobotModel, joint_limits: str) -> BatchKernel:
-    return build_batch_kernel(parts.grams(robot, joint_limits), LOOP, shared=2)
+    return build_batch_kernel(parts.grams(robot.chain, robot.limits.positions, joint_limits), LOOP, shared=2)
 
 
 @lru_cache(maxsize=32)
 def _slopes(robot: RobotModel, joint_limits: str) -> Kernel:
-    return build_kernel(parts.slopes(robot, joint_limits))
+    return build_kernel(parts.slopes(robot.chain, robot.limits.positions, joint_limits))

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.kernels.chain import Chain
 from optsc.robot.gripper import Gripper
 from optsc.robot.limits import JointLimits
 from optsc.robot.urdf import read_urdf
@@ -67,6 +68,11 @@ class RobotModel:
         return self.model.getFrameId(self.tip)
 
     @cached_property
+    def chain(self) -> Chain:
+        """The arm as the kernels take it; raise `InvalidValue` unless it is a chain of turning and sliding joints."""
+        return _chain_of(self.model, self.tip_id)
+
+    @cached_property
     def _data(self) -> Any:
         return self.model.createData()
 
@@ -98,6 +104,33 @@ class RobotModel:
         """Return postures (*shape, n), uniform within the position limits."""
         lower, upper = self.limits.sampling
         return rng.uniform(lower, upper, size=(*shape, self.n))
+
+
+def _chain_of(model: Any, tip_id: int) -> Chain:
+    if list(model.parents)[1:] != list(range(model.nv)):
+        raise InvalidValue("parents of the joints", list(model.parents)[1:], "one serial chain")
+    axes, slides = zip(*(_axis_of(model, i) for i in range(1, model.njoints)), strict=True)
+    placements, tip = list(model.jointPlacements)[1:], model.frames[tip_id].placement
+    return Chain(
+        rotation=np.array([placement.rotation for placement in placements]),
+        translation=np.array([placement.translation for placement in placements]),
+        axis=np.array(axes),
+        slides=slides,
+        tip_rotation=np.array(tip.rotation),
+        tip_translation=np.array(tip.translation),
+    )
+
+
+def _axis_of(model: Any, index: int) -> tuple[Array, bool]:
+    """Return the unit axis (3,) of a joint in its own frame, and whether it slides; raise `InvalidValue`."""
+    joint = model.joints[index]
+    data = joint.createData()
+    joint.calc(data, np.zeros(1))
+    # The motion subspace tells the axis of every joint type alike: linear part, then angular part.
+    linear, angular = np.ravel(data.S)[:3], np.ravel(data.S)[3:]
+    if np.any(linear) == np.any(angular):
+        raise InvalidValue(f"type of joint {model.names[index]}", joint.shortname(), "revolute or prismatic")
+    return (linear, True) if np.any(linear) else (angular, False)
 
 
 def _with_revolute_joints(root: Element) -> tuple[Element, set[str]]:

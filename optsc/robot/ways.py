@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
-from optsc.robot.kernels.kernel import BatchKernel, build_batch_kernel
-from optsc.robot.kernels.walk import STEPS, walk
+from optsc.kernels.kernel import BatchKernel, build_batch_kernel
+from optsc.kernels.rollout import STEPS, walk
 from optsc.robot.model import RobotModel
 
 STEP_TIME = 0.15
@@ -50,7 +50,7 @@ class Walk(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _kernel(robot: RobotModel) -> BatchKernel:
-    return build_batch_kernel(walk(robot), LOOP, shared=2)
+    return build_batch_kernel(walk(robot.chain), LOOP, shared=2)
 
 
 def duration(shift: Array, turn: Array, speed: float, angular_speed: float) -> Array:

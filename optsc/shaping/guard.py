@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.robot.kernels.kernel import build_kernel
+from optsc.kernels.kernel import build_kernel
+from optsc.kernels.viable import viable_interval
 from optsc.robot.limits import JointLimits
-from optsc.robot.viable import viable_interval
 
 ROUNDING = 1e-9
 """Share of the rate limits that is left to rounding, so that differences of commands keep them to the last digit."""

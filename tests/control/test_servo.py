@@ -9,10 +9,10 @@ from optsc.control.servo import Servo, ServoSettings, Status
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.ik import IkSettings
+from optsc.kernels.kernel import Kernel
+from optsc.kernels.reference import reference_model
 from optsc.operators import prediction
 from optsc.robot import ROBOT_NAMES, load_robot
-from optsc.robot.differential import reference_model
-from optsc.robot.kernels.kernel import Kernel
 
 TOLERANCE = 1e-9
 

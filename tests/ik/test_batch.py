@@ -7,8 +7,8 @@ from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.ik.attempts import solver_of
 from optsc.ik.batch import solve_ik
+from optsc.kernels import compiler
 from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
-from optsc.robot.kernels import compiler
 
 PANDA, UR5 = load_robot("panda"), load_robot("ur5")
 HALF_TURNS = Pose.from_quaternion(np.eye(4)[1:], np.zeros((3, 3)))

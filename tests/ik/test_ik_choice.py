@@ -8,8 +8,8 @@ from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.ik import attempts
 from optsc.ik.batch import REASONS, IkStatus, deviation, solve_ik
+from optsc.kernels.rotations import tool_deviation
 from optsc.robot import ROBOT_NAMES, load_robot
-from optsc.robot.kernels.inverse import tool_deviation
 from optsc.robot.manipulability import Manipulability
 
 PANDA, UR5 = load_robot("panda"), load_robot("ur5")

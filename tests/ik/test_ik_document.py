@@ -12,16 +12,16 @@ from optsc.geometry import rotation
 from optsc.ik.batch import FIRST_STARTS, LIMIT_PROBES, REASONS, RESTARTS, SAMPLES, deviation
 from optsc.ik.choice import DISTINCT
 from optsc.ik.starts import TABLE, features
+from optsc.kernels import build_kernel
+from optsc.kernels.search import AIM, FALL, ITERATIONS, PATIENCE, _iteration
 from optsc.robot import load_robot
-from optsc.robot.kernels import build_kernel
-from optsc.robot.kernels.inverse import AIM, FALL, ITERATIONS, PATIENCE, _iteration
 
 PAGE = (Path(__file__).parents[2] / "docs" / "inverse-kinematics.md").read_text()
 
 
 def test_a_step_is_the_damped_one_of_the_page():
     robot, rng = load_robot("panda"), np.random.default_rng(0)
-    iteration = build_kernel(_iteration(robot, by_component=False))
+    iteration = build_kernel(_iteration(robot.chain, by_component=False))
     W = np.diag([1.0] * 3 + [0.2**2] * 3)
     for _ in range(20):
         q, goal = robot.random_posture(rng, (2,))

@@ -8,12 +8,13 @@ import pinocchio
 import pytest
 
 from optsc.geometry import Pose, TriangleMesh, rotation
+from optsc.kernels import compiler
+from optsc.kernels.capsules import capsule_ends
+from optsc.kernels.clearance import between_capsules, to_box
 from optsc.robot import ROBOT_NAMES, load_robot
 from optsc.robot.capsules import link_capsules
 from optsc.robot.clearance import HORIZON, SAFE, level, level_ends, self_pairs
 from optsc.robot.collision import CollisionModel
-from optsc.robot.kernels import compiler
-from optsc.robot.kernels.clearance import between_capsules, capsule_ends, to_box
 
 
 def cuboid(x, y, z):
@@ -60,7 +61,7 @@ def segment_distance(a, b, c, d, count=60):
 def test_capsules_are_where_pinocchio_puts_their_joints(name, hulls):
     robot = load_robot(name)
     capsules = link_capsules(robot, hulls)
-    place, data = capsule_ends(robot, capsules), robot.model.createData()
+    place, data = capsule_ends(robot.chain, capsules), robot.model.createData()
     for q in postures(name, 10):
         pinocchio.forwardKinematics(robot.model, data, q)
         frames = [data.oMi[int(joint) + 1] for joint in capsules.joint]

@@ -9,12 +9,12 @@ import pytest
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
+from optsc.kernels.distances import BLEND
 from optsc.robot import ROBOT_NAMES, load_robot
 from optsc.robot.boxes import boxes_of
 from optsc.robot.capsules import distance_to_segment, link_capsules
 from optsc.robot.collision import CollisionModel
 from optsc.robot.distances import DistanceModel
-from optsc.robot.kernels.distances import BLEND
 
 
 def cuboid(x, y, z):

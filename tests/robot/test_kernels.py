@@ -13,19 +13,20 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
-from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
-from optsc.robot.kernels import (
+from optsc.ik.reach import reach
+from optsc.kernels import (
     build_batch_kernel,
     build_kernel,
     compiler,
     forward_kinematics,
     jacobian,
     kinematics,
+    rotations,
 )
-from optsc.robot.kernels.comparison import compare_kernels
-from optsc.robot.kernels.inverse import rotation_matrix, rotation_vector
-from optsc.robot.kernels.reach import reach
-from optsc.robot.kernels.walk import DAMPING, FLOOR, LENGTH, _newton
+from optsc.kernels.newton import DAMPING, FLOOR, LENGTH
+from optsc.kernels.rollout import _newton
+from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
+from optsc.robot.comparison import compare_kernels
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 
@@ -74,7 +75,7 @@ def robot(request, tmp_path):
 
 
 def test_symbolic_kinematics_equal_those_of_pinocchio(robot):
-    forward, slopes, both = forward_kinematics(robot), jacobian(robot), kinematics(robot)
+    forward, slopes, both = forward_kinematics(robot.chain), jacobian(robot.chain), kinematics(robot.chain)
     for q in robot.random_posture(np.random.default_rng(1), (20,)):
         X_WT = robot.forward(q)
         R, p, J = (np.array(value.full()) for value in both(q))
@@ -85,7 +86,7 @@ def test_symbolic_kinematics_equal_those_of_pinocchio(robot):
 
 
 def test_the_jacobian_equals_differences_of_pinocchios_kinematics(robot):
-    slopes, h = jacobian(robot), 1e-6
+    slopes, h = jacobian(robot.chain), 1e-6
     for q in robot.random_posture(np.random.default_rng(6), (5,)):
         ahead, back = robot.forward(q + h * np.eye(robot.n)), robot.forward(q - h * np.eye(robot.n))
         linear = (ahead.translation - back.translation) / (2 * h)
@@ -96,7 +97,7 @@ def test_the_jacobian_equals_differences_of_pinocchios_kinematics(robot):
 
 
 def test_one_step_along_a_line_is_the_damped_step_of_pinocchios_jacobian(robot):
-    newton, rng = build_kernel(_newton(robot)), np.random.default_rng(7)
+    newton, rng = build_kernel(_newton(robot.chain)), np.random.default_rng(7)
     n, W = robot.n, np.diag([1.0] * 3 + [LENGTH**2] * 3)
     free = np.repeat([-np.inf, np.inf], n)
     for _ in range(10):
@@ -130,7 +131,7 @@ def test_every_kernel_gives_the_same_results_compiled_and_interpreted(name):
 
 @needs_compiler
 def test_compiled_and_interpreted_kernels_agree_to_rounding(monkeypatch):
-    function = kinematics(load_robot("panda"))
+    function = kinematics(load_robot("panda").chain)
     compiled = build_kernel(function)
     monkeypatch.setenv("OPTSC_COMPILER", "none")
     interpreted = build_kernel(function)
@@ -241,7 +242,7 @@ def test_a_damaged_library_is_built_anew(cache, damage):
 @needs_compiler
 def test_two_processes_may_build_at_once(cache):
     program = (
-        "import casadi; from optsc.robot.kernels import build_kernel; x = casadi.SX.sym('x');"
+        "import casadi; from optsc.kernels import build_kernel; x = casadi.SX.sym('x');"
         "k = build_kernel(casadi.Function('sine', [x], [casadi.sin(x)])); print(k.compiled, k([0.0])[0][0])"
     )
     processes = [subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) for _ in range(2)]
@@ -268,7 +269,7 @@ def test_a_compiler_that_does_not_exist_is_refused(monkeypatch):
 
 def test_with_an_empty_path_kernels_are_interpreted_and_say_the_same(tmp_path):
     program = (
-        "from optsc.robot import load_robot; from optsc.robot.kernels import *; from optsc.robot.ways import *;"
+        "from optsc.robot import load_robot; from optsc.kernels import *; from optsc.robot.ways import *;"
         "r = load_robot('panda'); X = r.forward(r.home);"
         "Y = type(X).from_translation([0, 0.05, 0])[None] @ X;"
         "w = walk_straight(r, r.home, X, Y, speed=0.1, angular_speed=0.5);"
@@ -305,7 +306,7 @@ def test_building_leaves_nothing_in_the_working_directory(cache, tmp_path, monke
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 1.0, 3.0, np.pi - 1e-7, np.pi])
 def test_the_kernels_rotation_vector_has_the_length_of_the_rotation(angle):
     c = casadi.SX.sym("c", 4)
-    vector = casadi.Function("vector", [c], [rotation_vector(rotation_matrix(c))])
+    vector = casadi.Function("vector", [c], [rotations.from_matrix(rotations.to_matrix(c))])
     axes = np.random.default_rng(4).normal(size=(10, 3))
     for axis in [*np.eye(3), *(axes / np.linalg.norm(axes, axis=1, keepdims=True))]:
         found = vector(rotation.exp(angle * axis)).full()[:, 0]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from optsc.errors import InvalidValue, UnknownName
+from optsc.kernels import compiler
 from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
-from optsc.robot.kernels import compiler
 from optsc.robot.manipulability import DEFINITIONS, JOINT_LIMITS, SINGULARITY, Manipulability
 
 PANDA = load_robot("panda")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from optsc.robot.kernels.kernel import build_kernel
-from optsc.robot.viable import Bound, viable_interval
+from optsc.kernels.kernel import build_kernel
+from optsc.kernels.viable import Bound, viable_interval
 
 N = 12
 

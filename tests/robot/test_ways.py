@@ -5,9 +5,9 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
+from optsc.kernels import compiler
+from optsc.kernels.rollout import ON_THE_WAY, STEPS, TOLERANCE
 from optsc.robot import ROBOT_NAMES, load_robot
-from optsc.robot.kernels import compiler
-from optsc.robot.kernels.walk import ON_THE_WAY, STEPS, TOLERANCE
 from optsc.robot.ways import REASONS, walk_straight
 
 SPEEDS = {"speed": 0.1, "angular_speed": 0.5}

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optsc.kernels.newton import DAMPING, FLOOR
+from optsc.kernels.rollout import ON_THE_WAY, STEPS, TOLERANCE
 from optsc.robot import load_robot
 from optsc.robot.clearance import HORIZON
-from optsc.robot.kernels.walk import DAMPING, FLOOR, ON_THE_WAY, STEPS, TOLERANCE
 from optsc.robot.manipulability import DEFINITIONS, Manipulability
 from optsc.robot.ways import STEP_TIME
 from optsc.selection.columns import WORST_SPEED

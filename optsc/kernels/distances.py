@@ -15,11 +15,10 @@ import casadi
 import numpy as np
 
 from optsc.geometry.rotation import Array
-from optsc.robot.capsules import LinkCapsules
-from optsc.robot.kernels.kinematics import joint_frames
-from optsc.robot.kernels.rows import HEAD, Box, PairFunctions, RowBuilder, RowSettings
-from optsc.robot.kernels.segments import TINY, clip, nearest_shares, nearest_to_box, norm
-from optsc.robot.model import RobotModel
+from optsc.kernels.capsules import LinkCapsules
+from optsc.kernels.chain import Chain, joint_frames
+from optsc.kernels.rows import HEAD, Box, PairFunctions, Rates, RowBuilder, RowSettings
+from optsc.kernels.segments import TINY, clip, nearest_shares, nearest_to_box, norm
 
 BLEND = 1e-3
 """What blending may take off a distance [m]."""
@@ -127,11 +126,11 @@ def _table_row(rows: RowBuilder) -> casadi.Function:
     return casadi.Function("table_row", [rows.capsule, constants, *rows.shared], [row])
 
 
-def _placed_capsules(robot: RobotModel, capsules: LinkCapsules) -> casadi.Function:
+def _placed_capsules(chain: Chain, capsules: LinkCapsules) -> casadi.Function:
     """(q, low, high) -> capsules (8, C) as `RowBuilder` has them, and axes and origins of the joints (6, n), in W."""
-    n = robot.n
+    n = chain.n
     q, low, high = (casadi.SX.sym(name, n) for name in ("q", "low", "high"))
-    frames = joint_frames(robot, q)
+    frames = joint_frames(chain, q)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     columns = []
     for joint, ends in zip(capsules.joint.tolist(), capsules.ends, strict=True):
@@ -157,7 +156,8 @@ def _blend(radius: Array, length: Array) -> Array:
 
 
 def distance_rows(
-    robot: RobotModel,
+    chain: Chain,
+    rates: Rates,
     capsules: LinkCapsules,
     self_pairs: Sequence[SelfPair],
     table_ends: Sequence[TableEnd],
@@ -169,11 +169,11 @@ def distance_rows(
     see `Box`. Output: (3 + n, P) with need, lower bound, distance and gradient in each column: first the
     ``self_pairs``, then the ``table_ends``, then each of the ``boxes`` with all capsules that move.
     """
-    rows, n = RowBuilder(robot), robot.n
+    rows, n = RowBuilder(chain, rates), chain.n
     q, low, high = (casadi.MX.sym(name, n) for name in ("q", "low", "high"))
     settings = casadi.MX.sym("settings", RowSettings.SIZE)
     box = casadi.MX.sym("boxes", Box.SIZE, max(boxes, 1))
-    placed, axes = _placed_capsules(robot, capsules)(q, low, high)
+    placed, axes = _placed_capsules(chain, capsules)(q, low, high)
     shared = [low, high, settings, axes]
     length = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1)
     parts = [casadi.MX(HEAD + n, 0)]

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import casadi
 import numpy as np
 
-from optsc.robot.kernels.kinematics import axis_of
-from optsc.robot.model import RobotModel
+from optsc.geometry.rotation import Array
+from optsc.kernels.chain import Chain
 
 FLAT = 1e-4
 """Gradients shorter than this [m/rad] are no row: no motion of the arm changes such a distance."""
@@ -41,22 +41,29 @@ class Box:
     ABSENT, HAND_MAY_TOUCH = 21, 22
 
 
+class Rates(NamedTuple):
+    """Greatest joint velocities and accelerations, each (n,) [rad/s, rad/s^2]."""
+
+    velocity: Array
+    acceleration: Array
+
+
 class RowBuilder:
     """Expressions that turn a distance and its gradient into one row, for an arm of n joints."""
 
     CAPSULE = 8  # two ends, greatest speed of a point at this tick, number of the joint
 
-    def __init__(self, robot: RobotModel) -> None:
-        n = self.n = robot.n
+    def __init__(self, chain: Chain, rates: Rates) -> None:
+        n = self.n = chain.n
         self.capsule = casadi.SX.sym("capsule", self.CAPSULE)
         self.other = casadi.SX.sym("other", self.CAPSULE)
         self.low, self.high = casadi.SX.sym("low", n), casadi.SX.sym("high", n)
         self.settings = casadi.SX.sym("settings", RowSettings.SIZE)
         self.axes = casadi.SX.sym("axes", 6, n)
         self.shared = [self.low, self.high, self.settings, self.axes]
-        self.slides = [axis_of(robot, i)[1] for i in range(n)]
-        self.acceleration = casadi.DM(robot.limits.acceleration)
-        self.stop_rate = float(np.min(robot.limits.acceleration / robot.limits.velocity))
+        self.slides = chain.slides
+        self.acceleration = casadi.DM(rates.acceleration)
+        self.stop_rate = float(np.min(rates.acceleration / rates.velocity))
 
     def ends(self, capsule: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
         """The ends of a capsule's segment."""

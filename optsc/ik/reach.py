@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optsc.geometry.rotation import Array
-from optsc.robot.kernels.kinematics import axis_of
 from optsc.robot.model import RobotModel
 
 MARGIN = 1e-3
@@ -54,13 +53,12 @@ class Reach:
 
 def reach(robot: RobotModel) -> Reach:
     """Return the bound for an arm; its radius is infinite where a joint slides without limit."""
-    model = robot.model
-    between = sum(float(np.linalg.norm(model.jointPlacements[i].translation)) for i in range(2, robot.n + 1))
+    chain = robot.chain
+    between = sum(float(np.linalg.norm(translation)) for translation in chain.translation[1:])
     furthest = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
-    slides = sum(furthest[i] for i in range(robot.n) if axis_of(robot, i)[1])
-    tip = model.frames[robot.tip_id].placement
+    slides = sum(furthest[i] for i in range(robot.n) if chain.slides[i])
     return Reach(
-        centre=np.array(model.jointPlacements[1].translation),
+        centre=chain.translation[0],
         radius=between + slides,
-        last=-tip.rotation.T @ tip.translation,
+        last=-chain.tip_rotation.T @ chain.tip_translation,
     )

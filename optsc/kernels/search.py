@@ -1,16 +1,9 @@
 """Attempts to solve the inverse kinematics of a pose as one CasADi function, all iterations inside.
 
-An iteration is a Levenberg-Marquardt step. With the pose error e = (p* - p, log(R* Rᵀ)), weights W, and the
-Jacobian J without the columns of joints that stand at a limit and are pushed outward,
-
-    dq = Jᵀ (J Jᵀ + λ W⁻¹)⁻¹ e,    λ = DAMPING eᵀ W e + FLOOR,
-
-which is the damping of T. Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt
-method", IEEE T-RO 27(5), 2011: it fades with the error, so that convergence is quadratic, and needs no
-acceptance test. The step is shortened to `LONGEST_STEP` and projected onto the limits.
+An iteration is the step of `optsc.kernels.newton`, shortened to `LONGEST_STEP` and projected onto the limits.
 
 With a tolerance for every component, e is what the deviation of the tool from its target (see
-`tool_deviation`) has beyond `AIM` times its tolerance, and components within that have no row in J: what is
+`rotations.tool_deviation`) has beyond `AIM` times its tolerance, and components within that have no row in J: what is
 free takes no part, and what has room is moved no further than it must.
 """
 
@@ -21,13 +14,17 @@ from dataclasses import dataclass
 import casadi
 import numpy as np
 
-from optsc.robot.kernels.kinematics import axis_of, chain
-from optsc.robot.model import RobotModel
+from optsc.kernels import rotations
+from optsc.kernels.chain import Chain, tool_kinematics
+from optsc.kernels.newton import (
+    DAMPING,
+    FLOOR,
+    INVERSE_WEIGHTS,
+    damped_step,
+    pose_error,
+    without_blocked,
+)
 
-LENGTH = 0.2
-"""An error of one radian weighs as much as one of this many metres (W)."""
-DAMPING = 0.05
-FLOOR = 1e-10
 LONGEST_STEP = 1.0
 """Greatest change of a joint in one iteration [rad or m]."""
 FALL, PATIENCE = 0.9, 4
@@ -71,92 +68,6 @@ class _State:
         return casadi.densify(casadi.vertcat(*rows))
 
 
-def rotation_vector(D: casadi.SX) -> casadi.SX:
-    """Return the rotation vector (3,) [rad], at most π long, of a rotation matrix.
-
-    At half a turn D - Dᵀ vanishes, and with it what it says about the axis: the length is right there, and
-    the axis is x.
-    """
-    v = 0.5 * casadi.vertcat(D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1])
-    sine, cosine = casadi.sqrt(casadi.dot(v, v)), 0.5 * (casadi.trace(D) - 1)
-    angle = casadi.atan2(sine, cosine)
-    # The tiny number keeps the quotient finite where there is no rotation; v is zero there.
-    vector = v * (angle / (sine + 1e-200))
-    half_turn = casadi.logic_and(cosine < 0, sine < 1e-8)
-    return casadi.if_else(half_turn, casadi.vertcat(angle, 0, 0), vector)
-
-
-def rotation_matrix(quaternion: casadi.SX) -> casadi.SX:
-    """Return the rotation matrix (3, 3) of a unit quaternion w, x, y, z."""
-    w, x, y, z = casadi.vertsplit(quaternion)
-    return casadi.blockcat(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def _free(q: casadi.SX, gradient: casadi.SX, lower: casadi.SX, upper: casadi.SX) -> casadi.SX:
-    """Return 1 for each joint that may move, 0 for one that stands at a limit and is pushed against it."""
-    at_lower = casadi.logic_and(q <= lower, gradient < 0)
-    at_upper = casadi.logic_and(q >= upper, gradient > 0)
-    return casadi.if_else(casadi.logic_or(at_lower, at_upper), 0, 1)
-
-
-def _damped_step(J: casadi.SX, error: casadi.SX, inverse_weights: casadi.SX, damping: casadi.SX) -> casadi.SX:
-    """Return the step (n,), with the smaller of the two equivalent linear systems."""
-    rows, n = J.shape
-    if n >= rows:
-        A, b = J @ J.T + damping * casadi.diag(inverse_weights), error
-    else:
-        scaled = J.T @ casadi.diag(1 / inverse_weights)
-        A, b = scaled @ J + damping * casadi.SX.eye(n), scaled @ error
-    D, LT, permutation = casadi.ldl(A, False)
-    x = casadi.ldl_solve(b, D, LT, permutation)
-    return J.T @ x if n >= rows else x
-
-
-def tool_deviation(
-    R_WT: casadi.SX, p_WT: casadi.SX, R_goal: casadi.SX, p_goal: casadi.SX
-) -> tuple[casadi.SX, casadi.SX]:
-    """Return the deviation (6,) of a tool from its target, and what turns angular velocity into its rates.
-
-    In the target's axes: position [m], tilt about x and y, roll about z [rad]. The tilt is the rotation vector,
-    in the x y plane, that takes the target's z axis to the tool's; what is left is the roll:
-
-        D = R*ᵀ R,    tilt = acos(D₂₂) (-D₁₂, D₀₂) / √(D₀₂² + D₁₂²),    roll = atan2(D₁₀ - D₀₁, D₀₀ + D₁₁)
-
-    Unlike the rotation vector of D, this says the same of the tilt whatever the roll is. The matrix (3, 3) maps
-    angular velocity in the target's axes to the rates of tilt and roll. Where the z axes are opposite, the tilt
-    is half a turn about x and the roll arbitrary.
-    """
-    D = R_goal.T @ R_WT
-    x, y, z = D[0, 2], D[1, 2], D[2, 2]
-    square = x * x + y * y
-    sine = casadi.sqrt(square)
-    angle = casadi.atan2(sine, z)
-    aligned = casadi.logic_and(z > 0, square < 1e-8)
-    # f = angle / sine as a function of the cosine z has the derivative (z f - 1) / (1 - z²), at z = 1 -1/3.
-    f = casadi.if_else(aligned, 1 + square / 6, angle / (sine + 1e-200))
-    slope = casadi.if_else(square < 1e-8, -1 / 3, (z * f - 1) / (square + 1e-200))
-    half_turn = casadi.logic_and(z < 0, sine < 1e-8)
-    f = casadi.if_else(half_turn, 0, f)
-    tilt_x = casadi.if_else(half_turn, np.pi, -f * y)
-    N, M = D[1, 0] - D[0, 1], D[0, 0] + D[1, 1]
-    scale = M * M + N * N + 1e-200
-    rates = casadi.blockcat(
-        [
-            [f * z - slope * y * y, slope * x * y, -f * x],
-            [slope * x * y, f * z - slope * x * x, -f * y],
-            [(N * D[2, 1] - M * D[2, 0]) / scale, -(M * D[2, 1] + N * D[2, 0]) / scale, 1],
-        ]
-    )
-    deviation = casadi.vertcat(R_goal.T @ (p_WT - p_goal), tilt_x, f * x, casadi.atan2(N, M))
-    return deviation, rates
-
-
 @dataclass
 class _Miss:
     """How far a posture is from its target."""
@@ -167,19 +78,19 @@ class _Miss:
     solved: casadi.SX
 
 
-def _miss(robot: RobotModel, q: casadi.SX, target: casadi.SX) -> _Miss:
+def _miss(chain: Chain, q: casadi.SX, target: casadi.SX) -> _Miss:
     """One tolerance for all: target is quaternion, position, tolerance; all in W's axes."""
-    R, p, J = chain(robot, q)
-    error = casadi.vertcat(target[4:7] - p, rotation_vector(rotation_matrix(target[:4]) @ R.T))
+    R, p, J = tool_kinematics(chain, q)
+    error = pose_error(R, p, target)
     residual = casadi.norm_inf(error)
     return _Miss(error, J, residual, residual <= target[7])
 
 
-def _miss_by_component(robot: RobotModel, q: casadi.SX, target: casadi.SX) -> _Miss:
+def _miss_by_component(chain: Chain, q: casadi.SX, target: casadi.SX) -> _Miss:
     """Six tolerances: target is quaternion, position, tolerances; all in the target's axes."""
-    R, p, J = chain(robot, q)
-    R_goal, tolerances = rotation_matrix(target[:4]), target[7:13]
-    deviation, rates = tool_deviation(R, p, R_goal, target[4:7])
+    R, p, J = tool_kinematics(chain, q)
+    R_goal, tolerances = rotations.to_matrix(target[:4]), target[7:13]
+    deviation, rates = rotations.tool_deviation(R, p, R_goal, target[4:7])
     band = AIM * tolerances
     error = casadi.fmin(casadi.fmax(deviation, -band), band) - deviation
     wanted = casadi.if_else(casadi.fabs(deviation) > band, 1, 0)
@@ -189,22 +100,22 @@ def _miss_by_component(robot: RobotModel, q: casadi.SX, target: casadi.SX) -> _M
     return _Miss(error, J, casadi.fmax(excess, 0), excess <= 0)
 
 
-def _iteration(robot: RobotModel, by_component: bool) -> casadi.Function:
+def _iteration(chain: Chain, by_component: bool) -> casadi.Function:
     """Return the function (state, target, bounds) -> state of one Levenberg-Marquardt step."""
-    n = robot.n
+    n = chain.n
     rows = casadi.SX.sym("state", n + 5)
     target = casadi.SX.sym("target", target_size(by_component))
     bounds = casadi.SX.sym("bounds", 2 * n)
     lower, upper = bounds[:n], bounds[n:]
     state = _State.unpack(rows)
-    miss = (_miss_by_component if by_component else _miss)(robot, state.q, target)
+    miss = (_miss_by_component if by_component else _miss)(chain, state.q, target)
     error, J, residual = miss.error, miss.J, miss.residual
-    inverse_weights = casadi.SX([1.0] * 3 + [LENGTH**-2] * 3)
+    inverse_weights = casadi.SX(INVERSE_WEIGHTS)
     weighted = error / inverse_weights
     cost = casadi.dot(error, weighted)
-    free = _free(state.q, J.T @ weighted, lower, upper)
-    J = casadi.horzcat(*(J[:, i] * free[i] for i in range(n)))
-    step = _damped_step(J, error, inverse_weights, DAMPING * cost + FLOOR)
+    J = without_blocked(J, state.q, J.T @ weighted, lower, upper)
+    gradient = J.T @ casadi.diag(1 / inverse_weights) @ error
+    step = damped_step(J, error, gradient, DAMPING * cost + FLOOR)
     step = step * casadi.fmin(1, LONGEST_STEP / (casadi.norm_inf(step) + 1e-200))
     fell = cost < FALL * state.least
     stalled = casadi.if_else(fell, 0, state.stalled + 1)
@@ -251,16 +162,16 @@ def target_size(by_component: bool) -> int:
     return 13 if by_component else 8
 
 
-def _attempt(robot: RobotModel, by_component: bool) -> casadi.Function:
+def _attempt(chain: Chain, by_component: bool) -> casadi.Function:
     """Return the function (best, target, seed, start, bounds, limits) -> best of one attempt, see `search`."""
-    n = robot.n
+    n = chain.n
     best, q = casadi.SX.sym("best", n + 3), casadi.SX.sym("q", n)
     seed, limits = casadi.SX.sym("seed", n), casadi.SX.sym("limits", 2 * n)
     begin = casadi.Function("begin", [q], [_State.start(q).pack()])
     rows = casadi.SX.sym("state", n + 5)
     state = _State.unpack(rows)
     turns = _unwound(state.q, seed, limits[:n], limits[n:])
-    posture = [state.q[i] if axis_of(robot, i)[1] else turns[i] for i in range(n)]
+    posture = [state.q[i] if chain.slides[i] else turns[i] for i in range(n)]
     # Taking off turns leaves rounding, which must not lead out of the limits.
     inside = casadi.fmin(casadi.fmax(casadi.vertcat(*posture), limits[:n]), limits[n:])
     better = state.residual < best[n]
@@ -268,7 +179,7 @@ def _attempt(robot: RobotModel, by_component: bool) -> casadi.Function:
     kept = casadi.vertcat(casadi.if_else(better, found, best[: n + 2]), best[n + 2] + state.iterations)
     end = casadi.Function("end", [rows, best, seed, limits], [kept])
     run = _repeated(
-        _repeated(_iteration(robot, by_component), _BLOCK, "block"), ITERATIONS // _BLOCK, "blocks"
+        _repeated(_iteration(chain, by_component), _BLOCK, "block"), ITERATIONS // _BLOCK, "blocks"
     )
     size = target_size(by_component)
     sizes = {"best": n + 3, "target": size, "seed": n, "start": n, "bounds": 2 * n, "limits": 2 * n}
@@ -278,13 +189,13 @@ def _attempt(robot: RobotModel, by_component: bool) -> casadi.Function:
     return casadi.Function("attempt", inputs, [end(ended, mx_best, mx_seed, mx_limits)])
 
 
-def search(robot: RobotModel, by_component: bool = False) -> casadi.Function:
+def search(chain: Chain, by_component: bool = False) -> casadi.Function:
     """Return the function (best, target, seed, starts, count, bounds, limits) -> best of attempts at one pose.
 
     * best (n + 3), in and out: the posture of least residual so far; its residual, the largest component of the
       pose error there [m or rad], infinite at first; whether it is within tolerance; iterations so far.
     * target (8): unit quaternion w, x, y, z, position [m], tolerance of the residual; or, ``by_component``, (13):
-      the last six are tolerances of the components of `tool_deviation`, infinite where one is free. The
+      the last six are tolerances of the components of `rotations.tool_deviation`, infinite where one is free. The
       residual is then what exceeds them, zero on success.
     * seed (n): turning joints end within half a turn of it, as far as the limits permit.
     * starts (n, `STARTS`), count: postures inside the bounds; the first ``count`` are tried until one succeeds.
@@ -292,13 +203,13 @@ def search(robot: RobotModel, by_component: bool = False) -> casadi.Function:
       needs none.
     * limits (2 n): lower, then upper positions that the result observes, infinite where there are none.
     """
-    n = robot.n
+    n = chain.n
     sizes = {"best": n + 3, "target": target_size(by_component), "seed": n}
     best, target, seed = (casadi.MX.sym(name, size) for name, size in sizes.items())
     starts, count = casadi.MX.sym("starts", n, STARTS), casadi.MX.sym("count")
     bounds, limits = casadi.MX.sym("bounds", 2 * n), casadi.MX.sym("limits", 2 * n)
     inputs = [best, target, seed, starts, count, bounds, limits]
-    attempt = _attempt(robot, by_component)
+    attempt = _attempt(chain, by_component)
     arguments = [casadi.MX.sym(f"x{i}", attempt.sparsity_in(i)) for i in range(attempt.n_in())]
     unchanged = casadi.Function("attempt_unchanged", arguments, [arguments[0]])
     guarded = casadi.Function.if_else("attempt_guarded", attempt, unchanged)

@@ -1,7 +1,7 @@
 """Leading the tool along a straight line, posture by posture, as one CasADi function.
 
 The way from one pose to the other has straight translation and turns about one axis. It is followed in equal steps,
-each from the posture of the one before, by the damped Newton iteration of `optsc.robot.kernels.inverse`, projected
+each from the posture of the one before, by the damped Newton iteration of `optsc.kernels.newton`, projected
 onto the joint limits. So the postures stay in one branch, as those of an arm on its way do.
 """
 
@@ -10,9 +10,9 @@ from __future__ import annotations
 import casadi
 import numpy as np
 
-from optsc.robot.kernels.inverse import rotation_matrix, rotation_vector
-from optsc.robot.kernels.kinematics import chain
-from optsc.robot.model import RobotModel
+from optsc.kernels import rotations
+from optsc.kernels.chain import Chain, tool_kinematics
+from optsc.kernels.newton import DAMPING, FLOOR, WEIGHTS, damped_step, pose_error, without_blocked
 
 BLOCK = 8
 STEPS = 8 * BLOCK
@@ -21,49 +21,35 @@ TOLERANCE, ON_THE_WAY = 1e-5, 1e-3
 """Greatest component of the pose error at the end and after each other step [m and rad]."""
 ITERATIONS = 8
 """Of one step at most; two or three are common."""
-LENGTH = 0.2
-"""An error of one radian weighs as much as one of this many metres."""
-DAMPING, FLOOR = 0.05, 1e-10
-"""Square of the damping: its share of the squared error, and the least."""
 
 
-def _newton(robot: RobotModel) -> casadi.Function:
+def _newton(chain: Chain) -> casadi.Function:
     """(state, target, next target, tolerance, limits) -> state (2 n + 1): posture, last posture at a target, residual.
 
     Where the posture is at the target, the iteration leads on to the next one: one evaluation of the kinematics both
     checks a step and begins another.
     """
-    n = robot.n
+    n = chain.n
     sizes = {"state": 2 * n + 1, "target": 7, "onward": 7, "tolerance": 1, "limits": 2 * n}
     state, target, onward, tolerance, limits = (casadi.SX.sym(name, size) for name, size in sizes.items())
-    q, weights = state[:n], casadi.SX([1.0] * 3 + [LENGTH**2] * 3)
-    R, p, J = chain(robot, q)
-
-    def error_to(pose: casadi.SX) -> casadi.SX:
-        return casadi.vertcat(pose[4:] - p, rotation_vector(rotation_matrix(pose[:4]) @ R.T))
-
-    residual = casadi.norm_inf(error_to(target))
+    q, lower, upper, weights = state[:n], limits[:n], limits[n:], casadi.SX(WEIGHTS)
+    R, p, J = tool_kinematics(chain, q)
+    error = pose_error(R, p, target)
+    residual = casadi.norm_inf(error)
     there = residual <= tolerance
-    error = casadi.if_else(there, error_to(onward), error_to(target))
-    push = J.T @ (weights * error)
-    at_lower = casadi.logic_and(q <= limits[:n], push < 0)
-    at_upper = casadi.logic_and(q >= limits[n:], push > 0)
-    J = J * casadi.repmat((1 - casadi.logic_or(at_lower, at_upper)).T, 6, 1)
+    error = casadi.if_else(there, pose_error(R, p, onward), error)
+    J = without_blocked(J, q, J.T @ (weights * error), lower, upper)
     damping = DAMPING * casadi.dot(error, weights * error) + FLOOR
-    if n >= 6:
-        A, b = J @ J.T + damping * casadi.diag(1 / weights), error
-    else:
-        A, b = J.T @ casadi.diag(weights) @ J + damping * casadi.SX.eye(n), J.T @ (weights * error)
-    x = casadi.ldl_solve(b, *casadi.ldl(A, False))
-    moved = casadi.fmin(casadi.fmax(q + (J.T @ x if n >= 6 else x), limits[:n]), limits[n:])
+    step = damped_step(J, error, J.T @ (weights * error), damping)
+    moved = casadi.fmin(casadi.fmax(q + step, lower), upper)
     after = casadi.vertcat(moved, casadi.if_else(there, q, state[n : 2 * n]), residual)
     inputs = [state, target, onward, tolerance, limits]
     return casadi.Function("newton", inputs, [casadi.densify(after)])
 
 
-def _step(robot: RobotModel) -> casadi.Function:
+def _step(chain: Chain) -> casadi.Function:
     """The same function as `_newton`, repeated until the posture is at the target."""
-    n, newton = robot.n, _newton(robot)
+    n, newton = chain.n, _newton(chain)
     inputs = [casadi.MX.sym(newton.name_in(i), newton.sparsity_in(i)) for i in range(newton.n_in())]
     unchanged = casadi.Function("newton_unchanged", inputs, [inputs[0]])
     guarded = casadi.Function.if_else("newton_guarded", newton, unchanged)
@@ -80,12 +66,11 @@ def _pose_at(share: casadi.SX, line: casadi.SX) -> casadi.SX:
     half = 0.5 * share * line[10:13]
     angle = casadi.sqrt(casadi.dot(half, half) + 1e-300)
     w, v = casadi.cos(angle), casadi.sin(angle) / angle * half
-    a, u = line[0], line[1:4]
-    turned = casadi.vertcat(w * a - casadi.dot(v, u), w * u + a * v + casadi.cross(v, u))
+    turned = rotations.multiply(casadi.vertcat(w, v), line[:4])
     return casadi.vertcat(turned, line[4:7] + share * line[7:10])
 
 
-def walk(robot: RobotModel) -> casadi.Function:
+def walk(chain: Chain) -> casadi.Function:
     """Return the function (q, line, count, pace, limits, velocity) -> walked, postures.
 
     * q (n): where the arm stands.
@@ -99,14 +84,14 @@ def walk(robot: RobotModel) -> casadi.Function:
       the way: 0 its end, 1 no posture within the limits, 2 a joint too slow.
     * postures (n `STEPS`): one after another; after the end of the way the last one is repeated.
     """
-    n = robot.n
+    n = chain.n
     sizes = {"q": n, "line": 13, "count": 1, "pace": 1, "limits": 2 * n, "velocity": n}
     inputs = [casadi.MX.sym(name, size) for name, size in sizes.items()]
     q, line, count, pace, limits, velocity = inputs
     others = [count, pace, limits, velocity]
     # Where the arm stands counts as there, so that this leads on to the first step.
-    begun = _newton(robot)(casadi.vertcat(q, q, 0), *_targets()(0, count, line)[:2], np.inf, limits)
-    state, postures, block = casadi.vertcat(q, casadi.DM.zeros(3), begun[:n]), [], _block(robot)
+    begun = _newton(chain)(casadi.vertcat(q, q, 0), *_targets()(0, count, line)[:2], np.inf, limits)
+    state, postures, block = casadi.vertcat(q, casadi.DM.zeros(3), begun[:n]), [], _block(chain)
     arguments = [casadi.MX.sym(f"x{i}", block.sparsity_in(i)) for i in range(block.n_in())]
     still = casadi.repmat(arguments[0][:n], BLOCK, 1)
     rest = casadi.Function("rest", arguments, [arguments[0], still])
@@ -131,9 +116,9 @@ def _targets() -> casadi.Function:
     return casadi.Function("targets", [k, count, line], [*poses, tolerance])
 
 
-def _block(robot: RobotModel) -> casadi.Function:
+def _block(chain: Chain) -> casadi.Function:
     """(walked, line, steps before, count, pace, limits, velocity) -> walked, postures (n `BLOCK`)."""
-    one, n = _guarded_step(robot), robot.n
+    one, n = _guarded_step(chain), chain.n
     inputs = [casadi.MX.sym(one.name_in(i), one.sparsity_in(i)) for i in range(one.n_in())]
     state, line, before, *others = inputs
     postures = []
@@ -143,18 +128,18 @@ def _block(robot: RobotModel) -> casadi.Function:
     return casadi.Function("block", inputs, [state, casadi.vertcat(*postures)])
 
 
-def _guarded_step(robot: RobotModel) -> casadi.Function:
+def _guarded_step(chain: Chain) -> casadi.Function:
     """(walked, line, number of the step, count, pace, limits, velocity) -> walked, unchanged after the end.
 
     After what `walk` has, walked (2 n + 3) holds a posture that is already on its way to the next pose.
     """
-    n = robot.n
+    n = chain.n
     sizes = {"walked": 2 * n + 3, "line": 13, "k": 1, "count": 1, "pace": 1, "limits": 2 * n, "velocity": n}
     inputs = [casadi.MX.sym(name, size) for name, size in sizes.items()]
     walked, line, k, count, pace, limits, velocity = inputs
     target, onward, tolerance = _targets()(k, count, line)
     start = casadi.vertcat(walked[n + 3 :], walked[:n], np.inf)
-    found = _step(robot)(start, target, onward, tolerance, limits)
+    found = _step(chain)(start, target, onward, tolerance, limits)
     forward = casadi.Function("forward", inputs, [_advanced(n)(walked, found, tolerance, pace, velocity)])
     stay = casadi.Function("stay", inputs, [walked])
     guarded = casadi.Function.if_else("forward_guarded", forward, stay)

@@ -12,24 +12,12 @@ import casadi
 import numpy as np
 
 from optsc.geometry.rotation import Array
-from optsc.robot.capsules import LinkCapsules
-from optsc.robot.kernels.kinematics import joint_frames
-from optsc.robot.kernels.segments import TINY, clip, nearest_shares, nearest_to_box, norm
-from optsc.robot.model import RobotModel
+from optsc.kernels.capsules import LinkCapsules, capsule_ends
+from optsc.kernels.chain import Chain
+from optsc.kernels.segments import TINY, clip, nearest_shares, nearest_to_box, norm
 
 BOX = 15
 """Numbers of a box: rotation (column by column), centre, half extents."""
-
-
-def capsule_ends(robot: RobotModel, capsules: LinkCapsules) -> casadi.Function:
-    """Return the function q (n,) -> ends (6, C) of the capsules' segments in W [m]."""
-    q = casadi.SX.sym("q", robot.n)
-    frames = joint_frames(robot, q)
-    columns = []
-    for joint, ends in zip(capsules.joint.tolist(), capsules.ends, strict=True):
-        R, p = (casadi.SX.eye(3), casadi.SX(3, 1)) if joint < 0 else frames[joint][:2]
-        columns.append(casadi.vertcat(*(p + R @ casadi.DM(end) for end in ends)))
-    return casadi.Function("capsule_ends", [q], [casadi.densify(casadi.horzcat(*columns))])
 
 
 def _either(name: str, inputs: list[casadi.MX], near: casadi.MX, close: casadi.Function) -> casadi.MX:
@@ -87,11 +75,11 @@ def capsule_sizes(radius: Array, ends: Array) -> Array:
 
 
 def _self_clearance(
-    robot: RobotModel, links: LinkCapsules, pairs: Sequence[tuple[int, int]], q: casadi.MX, horizon: casadi.MX
+    chain: Chain, links: LinkCapsules, pairs: Sequence[tuple[int, int]], q: casadi.MX, horizon: casadi.MX
 ) -> casadi.MX:
     if not pairs:
         return horizon
-    ends = capsule_ends(robot, links)(q)
+    ends = capsule_ends(chain, links)(q)
     first, second = [a for a, _ in pairs], [b for _, b in pairs]
     radii = casadi.MX(casadi.DM(links.radius[first] + links.radius[second]).T)
     near = _near_pairs(links, pairs)(ends, horizon)
@@ -152,7 +140,7 @@ def _to_boxes(ends: casadi.MX, size: casadi.DM, boxes: casadi.MX, horizon: casad
 
 
 def clearance(
-    robot: RobotModel,
+    chain: Chain,
     links: LinkCapsules,
     hulls: LinkCapsules,
     pairs: Sequence[tuple[int, int]],
@@ -163,7 +151,7 @@ def clearance(
     """Return the function (q, horizon, table height, boxes) -> clearances [m], none above the horizon.
 
     Args:
-        robot: the arm.
+        chain: the arm.
         links: what is compared with each other: the ``pairs`` of them.
         hulls: what is compared with the world; those that no joint moves are left out.
         pairs: numbers of the links' capsules.
@@ -174,16 +162,16 @@ def clearance(
     The output is one column (3 + 2 B): clearance to itself; the same of the close pairs; to the table; of all but the
     hand to each box; of the hand to each box. They are lower bounds of the distances of what the capsules hold.
     """
-    q, horizon, height = casadi.MX.sym("q", robot.n), casadi.MX.sym("horizon"), casadi.MX.sym("height")
+    q, horizon, height = casadi.MX.sym("q", chain.n), casadi.MX.sym("horizon"), casadi.MX.sym("height")
     box = casadi.MX.sym("boxes", BOX, boxes)
-    placed = capsule_ends(robot, hulls)(q)
+    placed = capsule_ends(chain, hulls)(q)
     size = capsule_sizes(hulls.radius, hulls.ends)
     moving = np.flatnonzero(hulls.joint >= 0).tolist()
     table = horizon
     if over_table:
         lowest = [placed[2 + 3 * end, k] - float(hulls.radius[k]) for k, end in over_table]
         table = casadi.fmin(casadi.mmin(casadi.vertcat(*lowest)) - height, horizon)
-    parts = [_self_clearance(robot, links, some, q, horizon) for some in (pairs, close_pairs)]
+    parts = [_self_clearance(chain, links, some, q, horizon) for some in (pairs, close_pairs)]
     parts.append(table)
     for wanted in (False, True):
         some = [k for k in moving if bool(hulls.hand[k]) is wanted]

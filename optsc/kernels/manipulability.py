@@ -4,26 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import product
+from typing import TypeAlias
 
 import casadi
 import numpy as np
 
 from optsc.geometry.rotation import Array
-from optsc.robot.kernels.kinematics import chain
-from optsc.robot.model import RobotModel
+from optsc.kernels.chain import Chain, tool_kinematics
 
 HYPEROCTANTS: Array = np.array(list(product((1.0, -1.0), repeat=6))).T
 """Signs (6, 64) of the tool's motion along and about the three axes."""
 _TINY = 1e-300
 
+Bounds: TypeAlias = tuple[Array, Array]
+"""Lower and upper joint positions, each (n,); infinite for a joint that turns endlessly."""
 
-def distance_to_limits(robot: RobotModel, kind: str, q: casadi.SX, k: casadi.SX) -> casadi.SX:
+
+def _bounded(bounds: Bounds) -> list[bool]:
+    return (np.isfinite(bounds[0]) & np.isfinite(bounds[1])).tolist()
+
+
+def distance_to_limits(bounds: Bounds, kind: str, q: casadi.SX, k: casadi.SX) -> casadi.SX:
     """Return the expression of L, 1 where joint limits enter the Jacobian instead."""
     if not kind.startswith("tsai"):
         return casadi.SX(1)
     x = casadi.SX(1)
-    for i in np.flatnonzero(robot.limits.bounded).tolist():
-        lower, upper = robot.limits.lower[i], robot.limits.upper[i]
+    for i in np.flatnonzero(_bounded(bounds)).tolist():
+        lower, upper = bounds[0][i], bounds[1][i]
         # Each factor is cut off on its own: two joints beyond their limits must not make a positive product.
         x *= casadi.fmax(0, (q[i] - lower) * (upper - q[i])) / (upper - lower) ** 2
         x *= 4 if kind == "tsai" else 1
@@ -31,19 +38,19 @@ def distance_to_limits(robot: RobotModel, kind: str, q: casadi.SX, k: casadi.SX)
     return L / -casadi.expm1(-k) if kind == "tsai" else L
 
 
-def joint_weights(robot: RobotModel, q: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
+def joint_weights(bounds: Bounds, q: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
     """Return the factors (n,) of Chan and Dubey, and where (-1 to 1) each joint stands between its limits.
 
     With x from -1 to 1 between the limits, 1 / sqrt(1 + |dH/dq|) is the root of c / (c + 4 |x| / (u - l)) with
     c = (1 - x^2)^2, which is finite everywhere.
     """
     factors, places = [], []
-    for i in range(robot.n):
-        if not robot.limits.bounded[i]:
+    for i, bounded in enumerate(_bounded(bounds)):
+        if not bounded:
             factors.append(casadi.SX(1))
             places.append(casadi.SX(0))
             continue
-        lower, upper = robot.limits.lower[i], robot.limits.upper[i]
+        lower, upper = bounds[0][i], bounds[1][i]
         x = (2 * q[i] - upper - lower) / (upper - lower)
         c = casadi.fmax(0, 1 - x * x) ** 2
         factors.append(casadi.sqrt(c / (c + 4 * casadi.fabs(x) / (upper - lower)) + _TINY))
@@ -51,12 +58,12 @@ def joint_weights(robot: RobotModel, q: casadi.SX) -> tuple[casadi.SX, casadi.SX
     return casadi.vertcat(*factors), casadi.vertcat(*places)
 
 
-def weighted_jacobian(robot: RobotModel, kind: str, q: casadi.SX, signs: casadi.SX) -> casadi.SX:
+def weighted_jacobian(chain: Chain, bounds: Bounds, kind: str, q: casadi.SX, signs: casadi.SX) -> casadi.SX:
     """Return the Jacobian (6, n) with the joint limits in it; ``signs`` (6,) is the hyperoctant where that counts."""
-    J = chain(robot, q)[2]
+    J = tool_kinematics(chain, q)[2]
     if kind not in ("chan_dubey", "vahrenkamp"):
         return J
-    factors, places = joint_weights(robot, q)
+    factors, places = joint_weights(bounds, q)
     if kind == "chan_dubey":
         return J * casadi.repmat(factors.T, 6, 1)
     return _in_hyperoctant(J, factors, places, signs)
@@ -72,13 +79,13 @@ def _in_hyperoctant(J: casadi.SX, factors: casadi.SX, places: casadi.SX, signs: 
 
 
 def _over_hyperoctants(
-    robot: RobotModel, value: Callable[[casadi.SX, casadi.SX], casadi.SX]
+    chain: Chain, bounds: Bounds, value: Callable[[casadi.SX, casadi.SX], casadi.SX]
 ) -> casadi.Function:
     """Return (q, length) -> ``value`` of the weighted Jacobian and the length, in all hyperoctants side by side."""
-    n = robot.n
+    n = chain.n
     q, length = casadi.MX.sym("q", n), casadi.MX.sym("length")
     angles, signs, scale = casadi.SX.sym("q", n), casadi.SX.sym("signs", 6), casadi.SX.sym("length")
-    placed = [chain(robot, angles)[2], *joint_weights(robot, angles)]
+    placed = [tool_kinematics(chain, angles)[2], *joint_weights(bounds, angles)]
     kinematics = casadi.Function("placed", [angles], [casadi.densify(x) for x in placed])
     J, factors, places = casadi.SX.sym("J", 6, n), casadi.SX.sym("factors", n), casadi.SX.sym("places", n)
     weighted = _in_hyperoctant(J, factors, places, signs)
@@ -104,44 +111,55 @@ def product_of_singular_values(J: casadi.SX) -> casadi.SX:
     return value
 
 
-def _gram(robot: RobotModel, J: casadi.SX, length: casadi.SX) -> casadi.SX:
+def _gram(J: casadi.SX, length: casadi.SX) -> casadi.SX:
     """Return J Jᵀ, or Jᵀ J for fewer than six joints, with scaled angular rows."""
     scaled = casadi.vertcat(J[:3, :], length * J[3:, :])
-    return casadi.densify(scaled @ scaled.T if robot.n >= 6 else scaled.T @ scaled)
+    return casadi.densify(scaled @ scaled.T if J.shape[1] >= 6 else scaled.T @ scaled)
 
 
-def penalised_product(robot: RobotModel, kind: str) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
-    """Return the symbols q and k, and the expression of M with Yoshikawa's S; not for hyperoctants."""
-    q, k = casadi.SX.sym("q", robot.n), casadi.SX.sym("k")
-    J = weighted_jacobian(robot, kind, q, casadi.SX.ones(6))
-    return q, k, product_of_singular_values(J) * distance_to_limits(robot, kind, q, k)
+def penalised_product(chain: Chain, bounds: Bounds, kind: str) -> casadi.Function:
+    """Return the function (q, k) -> M with Yoshikawa's S; not for hyperoctants."""
+    q, k, M = _penalised_product(chain, bounds, kind)
+    return casadi.Function("yoshikawa", [q, k], [casadi.densify(M)])
 
 
-def least_product(robot: RobotModel) -> casadi.Function:
+def product_slope(chain: Chain, bounds: Bounds, kind: str) -> casadi.Function:
+    """Return the function (q, k) -> dM/dq (n) of `penalised_product`."""
+    q, k, M = _penalised_product(chain, bounds, kind)
+    return casadi.Function("yoshikawa_gradient", [q, k], [casadi.densify(casadi.gradient(M, q))])
+
+
+def _penalised_product(chain: Chain, bounds: Bounds, kind: str) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
+    q, k = casadi.SX.sym("q", chain.n), casadi.SX.sym("k")
+    J = weighted_jacobian(chain, bounds, kind, q, casadi.SX.ones(6))
+    return q, k, product_of_singular_values(J) * distance_to_limits(bounds, kind, q, k)
+
+
+def least_product(chain: Chain, bounds: Bounds) -> casadi.Function:
     """Return the function (q, k) -> least product of the singular values in any hyperoctant."""
-    q, k = casadi.MX.sym("q", robot.n), casadi.MX.sym("k")
-    each = _over_hyperoctants(robot, lambda J, _: product_of_singular_values(J))
+    q, k = casadi.MX.sym("q", chain.n), casadi.MX.sym("k")
+    each = _over_hyperoctants(chain, bounds, lambda J, _: product_of_singular_values(J))
     return casadi.Function("least_product", [q, k], [casadi.mmin(each(q, 1.0))])
 
 
-def grams(robot: RobotModel, kind: str) -> casadi.Function:
+def grams(chain: Chain, bounds: Bounds, kind: str) -> casadi.Function:
     """Return the function (q, k, length) -> Gram matrices side by side, one or one for each hyperoctant, and L."""
     q, k, length, signs = (
-        casadi.SX.sym(name, n) for name, n in (("q", robot.n), ("k", 1), ("length", 1), ("signs", 6))
+        casadi.SX.sym(name, n) for name, n in (("q", chain.n), ("k", 1), ("length", 1), ("signs", 6))
     )
-    L = casadi.densify(distance_to_limits(robot, kind, q, k))
-    gram = _gram(robot, weighted_jacobian(robot, kind, q, signs), length)
+    L = casadi.densify(distance_to_limits(bounds, kind, q, k))
+    gram = _gram(weighted_jacobian(chain, bounds, kind, q, signs), length)
     if kind != "vahrenkamp":
         return casadi.Function("gram", [q, k, length], [casadi.substitute(gram, signs, casadi.DM.ones(6)), L])
-    posture, scale, unused = casadi.MX.sym("q", robot.n), casadi.MX.sym("length"), casadi.MX.sym("k")
-    found = _over_hyperoctants(robot, lambda J, size: _gram(robot, J, size))(posture, scale)
+    posture, scale, unused = casadi.MX.sym("q", chain.n), casadi.MX.sym("length"), casadi.MX.sym("k")
+    found = _over_hyperoctants(chain, bounds, lambda J, size: _gram(J, size))(posture, scale)
     return casadi.Function("grams", [posture, unused, scale], [found, casadi.MX(casadi.DM.ones(1))])
 
 
-def slopes(robot: RobotModel, kind: str) -> casadi.Function:
+def slopes(chain: Chain, bounds: Bounds, kind: str) -> casadi.Function:
     """Return the function (q, k, signs, G) -> J with the limits in it, L, dL/dq, d⟨G, J⟩/dq."""
-    q, k, signs = casadi.SX.sym("q", robot.n), casadi.SX.sym("k"), casadi.SX.sym("signs", 6)
-    G = casadi.SX.sym("G", 6, robot.n)
-    J, L = weighted_jacobian(robot, kind, q, signs), distance_to_limits(robot, kind, q, k)
+    q, k, signs = casadi.SX.sym("q", chain.n), casadi.SX.sym("k"), casadi.SX.sym("signs", 6)
+    G = casadi.SX.sym("G", 6, chain.n)
+    J, L = weighted_jacobian(chain, bounds, kind, q, signs), distance_to_limits(bounds, kind, q, k)
     outputs = [J, L, casadi.gradient(L, q), casadi.gradient(casadi.dot(G, J), q)]
     return casadi.Function("slopes", [q, k, signs, G], [casadi.densify(o) for o in outputs])

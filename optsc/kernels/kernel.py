@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.robot.kernels.build import shared_library
+from optsc.kernels.build import shared_library
 
 
 class Kernel:
