@@ -5,65 +5,54 @@ motion is NaN when there is none, so that it cannot be mistaken for a good score
 raises `InvalidValue`, naming the first bad row.
 """
 
-from optsc.metrics.clearance import Nearest, PathClearance, path_clearance
 from optsc.metrics.interaction import (
     Agreement,
     agreement,
-    authority,
+    hand_velocity,
+    interaction_measures,
     intervention_ratio,
     operator_effort,
-    rising_edges,
     switch_count,
     time_in_mode,
 )
-from optsc.metrics.limits import (
-    LimitMargins,
-    LimitViolations,
-    limit_margins,
-    limit_violations,
-    rms_jerk_ratio,
-)
-from optsc.metrics.motion import Hand, Motion
-from optsc.metrics.paths import path_length, rotation_path, straightness
-from optsc.metrics.smoothness import (
+from optsc.metrics.limits import LimitMargins, LimitViolations, limit_margins, limit_violations
+from optsc.metrics.motion import HandMotion, Measures, Motion
+from optsc.metrics.movements import (
     angular_velocity,
-    dimensionless_jerk,
-    joint_log_dimensionless_jerk,
-    log_dimensionless_jerk,
     movement_window,
     moving_stretches,
     resample,
-    sparc,
-)
-from optsc.metrics.summary import (
-    hand_velocity,
-    interaction_measures,
-    jump_measures,
-    motion_measures,
     smoothness,
     stretch_smoothness,
-    summarise,
-    worst_jumps,
 )
-from optsc.metrics.switching import SwitchJump, switch_indices, switch_jump
+from optsc.metrics.paths import (
+    NearestDistance,
+    PathClearance,
+    motion_measures,
+    path_clearance,
+    path_length,
+    rotation_path,
+    straightness,
+)
+from optsc.metrics.smoothness import dimensionless_jerk, log_dimensionless_jerk, sparc
+from optsc.metrics.switching import SwitchJump, jump_measures, switch_jump, worst_jumps
 
 __all__ = [
     "Agreement",
-    "Hand",
+    "HandMotion",
     "LimitMargins",
     "LimitViolations",
+    "Measures",
     "Motion",
-    "Nearest",
+    "NearestDistance",
     "PathClearance",
     "SwitchJump",
     "agreement",
     "angular_velocity",
-    "authority",
     "dimensionless_jerk",
     "hand_velocity",
     "interaction_measures",
     "intervention_ratio",
-    "joint_log_dimensionless_jerk",
     "jump_measures",
     "limit_margins",
     "limit_violations",
@@ -75,16 +64,12 @@ __all__ = [
     "path_clearance",
     "path_length",
     "resample",
-    "rising_edges",
-    "rms_jerk_ratio",
     "rotation_path",
     "smoothness",
     "sparc",
     "straightness",
     "stretch_smoothness",
-    "summarise",
     "switch_count",
-    "switch_indices",
     "switch_jump",
     "time_in_mode",
     "worst_jumps",

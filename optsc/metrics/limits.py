@@ -1,4 +1,4 @@
-"""Whether a command stayed within the arm's limits."""
+"""Joint-limit violations and margins of a motion."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optsc.checks import Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.metrics.checks import finite, positive
+from optsc.metrics.motion import finite_rows
 
 TOLERANCE = 1e-9
 """How far beyond a limit a value may be, in the limit's own unit, before it counts: rounding, no more."""
@@ -69,8 +70,8 @@ def limit_violations(
     Without samples there are no violations, all shares are 0 and the margin is infinite. Raises
     `InvalidValue` when a command is not finite, or shapes or limits do not fit.
     """
-    positive("rate", rate)
-    commands = [finite(name, x) for name, x in (("q", q), ("v", v), ("a", a))]
+    require("rate", rate, Positive)
+    commands = [finite_rows(name, x) for name, x in (("q", q), ("v", v), ("a", a))]
     if len({x.shape for x in commands}) != 1:
         raise InvalidValue("q, v and a", [x.shape for x in commands], "one shape (N, n)")
     positions, velocities, accelerations = commands
@@ -78,23 +79,18 @@ def limit_violations(
     low, high = _limits("lower", lower, n), _limits("upper", upper, n)
     margin = np.minimum(positions - low, high - positions)
     jerks = np.diff(accelerations, axis=0) * rate
-    used = [
-        _used(x, _limits(name, limit, n, 0.0), tolerance)
-        for name, x, limit in (
-            ("velocity", velocities, velocity),
-            ("acceleration", accelerations, acceleration),
-            ("jerk", jerks, jerk),
-        )
-    ]
+    used_v = _used(velocities, _limits("velocity", velocity, n, 0.0), tolerance)
+    used_a = _used(accelerations, _limits("acceleration", acceleration, n, 0.0), tolerance)
+    used_j = _used(jerks, _limits("jerk", jerk, n, 0.0), tolerance)
     return LimitViolations(
         position=_rows(margin < -tolerance),
-        velocity=used[0][0],
-        acceleration=used[1][0],
-        jerk=used[2][0],
+        velocity=used_v[0],
+        acceleration=used_a[0],
+        jerk=used_j[0],
         position_margin=float(np.min(margin, initial=np.inf)),
-        velocity_ratio=used[0][1],
-        acceleration_ratio=used[1][1],
-        jerk_ratio=used[2][1],
+        velocity_ratio=used_v[1],
+        acceleration_ratio=used_a[1],
+        jerk_ratio=used_j[1],
     )
 
 
@@ -117,7 +113,7 @@ def limit_margins(q: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> LimitMarg
 
     Joints without two limits have no range to take a share of, and count in neither share.
     """
-    positions = finite("q", q)
+    positions = finite_rows("q", q)
     n = positions.shape[1]
     low, high = _limits("lower", lower, n), _limits("upper", upper, n)
     margin = np.minimum(positions - low, high - positions)
@@ -131,18 +127,6 @@ def limit_margins(q: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> LimitMarg
     )
 
 
-def rms_jerk_ratio(a: ArrayLike, rate: float, jerk: ArrayLike) -> float:
-    """Return the root mean square, over time and joints, of the jerk's share of its limit [-].
-
-    ``a`` are accelerations (N, n) [rad/s^2] at ``rate`` [Hz], ``jerk`` the limits (n,) [rad/s^3]; 0 for fewer
-    than two samples.
-    """
-    accelerations = finite("a", a)
-    positive("rate", rate)
-    share = np.diff(accelerations, axis=0) * rate / _limits("jerk", jerk, accelerations.shape[1], 0.0)
-    return float(np.sqrt(np.mean(share * share))) if share.size else 0.0
-
-
 def _limits(name: str, value: ArrayLike, n: int, above: float | None = None) -> Array:
     limits = np.asarray(value, dtype=float)
     if limits.shape != (n,) or np.any(np.isnan(limits)) or not (above is None or np.all(limits > above)):
@@ -152,6 +136,7 @@ def _limits(name: str, value: ArrayLike, n: int, above: float | None = None) -> 
 
 
 def _used(x: Array, limit: Array, tolerance: float) -> tuple[int, float]:
+    """Return the number of samples beyond ``limit``, and the greatest share of it."""
     return _rows(np.abs(x) > limit + tolerance), float(np.max(np.abs(x) / limit, initial=0.0))
 
 

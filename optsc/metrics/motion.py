@@ -1,12 +1,13 @@
-"""The arrays that measures are taken from: one motion, cut out of a run or put together from its parts."""
+"""The arrays that measures are taken from, cut out of a run or put together from its parts, and their checks."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose
@@ -16,23 +17,44 @@ if TYPE_CHECKING:
     from optsc.records import Run
     from optsc.robot import RobotModel
 
+Measures: TypeAlias = dict[str, float]
+"""Several measures at once, as flat tables want them: a name with its unit, and a number."""
+
+
+def finite_rows(field: str, value: ArrayLike, columns: int | None = None) -> Array:
+    """Return ``value`` as an array (N, d), or (N, ``columns``); raise `InvalidValue` unless it is finite."""
+    array = np.asarray(value, dtype=float)
+    if array.ndim != 2 or (columns is not None and array.shape[1] != columns):
+        raise InvalidValue(field, array.shape, f"shape (N, {columns or 'd'})")
+    good = np.all(np.isfinite(array), axis=1)
+    if not np.all(good):
+        row = int(np.argmin(good))
+        raise InvalidValue(f"{field}, row {row}", array[row].tolist(), "finite")
+    return array
+
+
+def finite_profile(field: str, value: ArrayLike) -> Array:
+    """Return ``value`` (N,) or (N, d) as an array (N, d); raise `InvalidValue` unless it is finite."""
+    array = np.asarray(value, dtype=float)
+    return finite_rows(field, array[:, None] if array.ndim == 1 else array)
+
 
 @dataclass(frozen=True, eq=False)
-class Hand:
+class HandMotion:
     """What the operator's hand did: stamps (S,) [s] since the start, positions (S, 3) [m] in the station frame S."""
 
     stamp: Array
     p: Array
 
     @classmethod
-    def none(cls) -> Hand:
+    def none(cls) -> HandMotion:
         """Return a hand of which nothing is known."""
         return cls(np.zeros(0), np.zeros((0, 3)))
 
-    def between(self, start: float, end: float) -> Hand:
+    def between(self, start: float, end: float) -> HandMotion:
         """Return the samples from ``start`` up to, but without, ``end`` [s]."""
         kept = (self.stamp >= start) & (self.stamp < end)
-        return Hand(self.stamp[kept], self.p[kept])
+        return HandMotion(self.stamp[kept], self.p[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +77,7 @@ class Motion:
     v: Array
     a: Array
     X_WT: Pose
-    hand: Hand
+    hand: HandMotion
 
     def __post_init__(self) -> None:
         if not len(self.modes) == len(self.q) == len(self.v) == len(self.a) == len(self.X_WT):
@@ -69,7 +91,7 @@ class Motion:
     def of_run(cls, run: Run, robot: RobotModel) -> Motion:
         """Return the whole of ``run``, which ``robot`` made."""
         samples = [tick.sample for tick in run.ticks if tick.sample is not None]
-        hand = Hand(
+        hand = HandMotion(
             np.array([sample.stamp for sample in samples]),
             np.array([sample.X_SH.translation for sample in samples]).reshape(-1, 3),
         )
@@ -83,7 +105,7 @@ class Motion:
         rate: float,
         modes: Sequence[str],
         commands: tuple[Array, Array, Array],
-        hand: Hand,
+        hand: HandMotion,
     ) -> Motion:
         """Return the motion of joint commands (q, v, a), each (N, n), from time 0 on."""
         q, v, a = commands

@@ -13,8 +13,7 @@ import numpy as np
 from optsc.control.modes import Mode
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
-from optsc.metrics import Nearest, jump_measures, motion_measures
-from optsc.metrics.summary import interaction_measures
+from optsc.metrics import NearestDistance, interaction_measures, jump_measures, motion_measures
 from optsc.people.simulated import R_WS_DEFAULT
 from optsc.robot import RobotModel
 from optsc.robot.collision import TABLE
@@ -153,7 +152,7 @@ def _nothing(why: str) -> Row:
 
 
 def _measured(
-    engine: Engine, choice: Choice, track: Track, ended: str, lifted: bool | None, nearest: Nearest
+    engine: Engine, choice: Choice, track: Track, ended: str, lifted: bool | None, nearest: NearestDistance
 ) -> Row:
     """Return what is the same for every condition that chose the same target."""
     target, robot, motion = choice.target, engine.stage.robot, track.motion()
@@ -191,7 +190,7 @@ def _yoshikawa(engine: Engine, choice: Choice) -> float:
     return float(value)
 
 
-def nearest_to(stage: EpisodeSetup) -> Nearest:
+def nearest_to(stage: EpisodeSetup) -> NearestDistance:
     """Return the distance of postures to table and objects; the hand may touch the one it is to grasp.
 
     Links are capsules and objects boxes around their parts, so it is never more than the true one.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optsc.control.controller import ControlStep
-from optsc.metrics import Hand, Motion
+from optsc.metrics import HandMotion, Motion
 from optsc.operators import OperatorSample
 from optsc.robot import RobotModel
 
@@ -44,7 +44,7 @@ class Track:
         n = self.robot.n
         q, v, a = (np.array([row[k] for row in self._commands]).reshape(-1, n) for k in range(3))
         samples = [sample for _, sample in self._samples]
-        hand = Hand(
+        hand = HandMotion(
             np.array([sample.stamp for sample in samples]),
             np.array([sample.X_SH.translation for sample in samples]).reshape(-1, 3),
         )

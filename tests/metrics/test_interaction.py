@@ -8,7 +8,6 @@ from optsc.metrics import (
     agreement,
     intervention_ratio,
     operator_effort,
-    rising_edges,
     switch_count,
     time_in_mode,
 )
@@ -27,11 +26,6 @@ def test_only_changes_of_mode_are_counted():
     assert switch_count([]) == 0
 
 
-def test_a_press_is_its_rising_edge():
-    assert rising_edges([True, True, False, True, True, False, False, True]) == 2
-    assert rising_edges([]) == 0
-
-
 def test_intervention_is_the_share_of_time_the_hand_moves():
     velocity = np.zeros((100, 3))
     velocity[20:45, 1] = -0.3
@@ -41,7 +35,7 @@ def test_intervention_is_the_share_of_time_the_hand_moves():
     assert math.isnan(intervention_ratio([], deadband=0.0))
 
 
-def test_effort_is_the_way_the_hand_went_at_any_rate():
+def test_effort_is_the_path_of_the_hand_at_any_rate():
     for rate in (50, 500):
         angle = np.arange(4 * rate) / rate
         circling = 0.2 * np.column_stack([-np.sin(angle), np.cos(angle), 0 * angle])

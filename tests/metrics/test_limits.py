@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optsc.errors import InvalidValue
-from optsc.metrics import limit_violations, rms_jerk_ratio
+from optsc.metrics import limit_violations
 
 LIMITS = {
     "lower": [-1.0, -2.0],
@@ -52,7 +52,6 @@ def test_jerk_is_the_change_of_acceleration_in_one_sample():
     found = limit_violations(RATE, q, v, a, **LIMITS)
     assert found.jerk == found.total == 1
     assert found.jerk_ratio == pytest.approx(1.15)
-    assert rms_jerk_ratio(a, RATE, LIMITS["jerk"]) == pytest.approx(math.sqrt((1.1**2 + 1.15**2) / (2 * 49)))
 
 
 def test_how_far_beyond_a_position_limit_is_a_negative_margin():
@@ -76,7 +75,6 @@ def test_no_samples_have_no_violations():
     assert found.total == 0
     assert found.position_margin == math.inf
     assert limit_violations(RATE, *still(1), **LIMITS).jerk == 0
-    assert rms_jerk_ratio(np.zeros((1, 2)), RATE, LIMITS["jerk"]) == 0.0
 
 
 def test_numbers_that_are_none_and_shapes_that_do_not_fit_are_refused():

@@ -8,9 +8,8 @@ import pytest
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.metrics import (
-    Hand,
+    HandMotion,
     Motion,
-    authority,
     hand_velocity,
     interaction_measures,
     jump_measures,
@@ -19,7 +18,6 @@ from optsc.metrics import (
     path_clearance,
     smoothness,
     stretch_smoothness,
-    summarise,
     worst_jumps,
 )
 
@@ -45,7 +43,9 @@ def motion(x, modes=None, hand=None, y=None):
     v = np.gradient(q, axis=0) * RATE
     p = np.column_stack([q, np.zeros(len(q))])
     X_WT = Pose(np.tile([1.0, 0.0, 0.0, 0.0], (len(q), 1)), p)
-    return Motion(RATE, 0.0, tuple(modes or ["approach"] * len(q)), q, v, 0 * v, X_WT, hand or Hand.none())
+    return Motion(
+        RATE, 0.0, tuple(modes or ["approach"] * len(q)), q, v, 0 * v, X_WT, hand or HandMotion.none()
+    )
 
 
 def test_lengths_times_and_margins_are_those_of_the_curve():
@@ -165,9 +165,9 @@ def test_effort_is_the_way_of_the_hand_without_its_trembling():
     stamp = np.arange(3 * 90) / 90.0
     p = np.zeros((len(stamp), 3))
     p[:, 1] = np.interp(stamp, [0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 0.3, 0.3])
-    clean = interaction_measures(motion(np.zeros(600), hand=Hand(stamp, p)))
+    clean = interaction_measures(motion(np.zeros(600), hand=HandMotion(stamp, p)))
     noisy = interaction_measures(
-        motion(np.zeros(600), hand=Hand(stamp, p + rng.normal(0.0, 0.3e-3, p.shape)))
+        motion(np.zeros(600), hand=HandMotion(stamp, p + rng.normal(0.0, 0.3e-3, p.shape)))
     )
     assert clean["effort_m"] == pytest.approx(0.3, rel=0.02)
     assert noisy["effort_m"] == pytest.approx(0.3, rel=0.03)
@@ -180,15 +180,15 @@ def test_effort_is_the_way_of_the_hand_without_its_trembling():
 def test_the_hand_s_velocity_is_that_of_a_parabola_exactly():
     stamp = np.arange(90) / 90.0
     p = np.column_stack([0.2 * stamp**2, 0.1 * stamp, 0 * stamp])
-    v = hand_velocity(Hand(stamp, p))
+    v = hand_velocity(HandMotion(stamp, p))
     assert v[:, 0] == pytest.approx(0.4 * stamp, abs=1e-9)
     assert v[:, 1] == pytest.approx(0.1, abs=1e-9)
-    assert hand_velocity(Hand.none()).shape == (0, 3)
+    assert hand_velocity(HandMotion.none()).shape == (0, 3)
 
 
 def test_agreement_is_the_cosine_between_hand_and_tool_in_the_world():
     stamp = np.arange(180) / 90.0
-    hand = Hand(stamp, np.column_stack([0 * stamp, 0.1 * stamp, 0 * stamp]))
+    hand = HandMotion(stamp, np.column_stack([0 * stamp, 0.1 * stamp, 0 * stamp]))
     moving = motion(0.1 * np.arange(400) / RATE, hand=hand)
     assert interaction_measures(moving)["agreement"] == pytest.approx(0.0, abs=1e-9)
     quarter = [math.sqrt(0.5), 0.0, 0.0, -math.sqrt(0.5)]
@@ -196,27 +196,16 @@ def test_agreement_is_the_cosine_between_hand_and_tool_in_the_world():
     assert interaction_measures(moving, quarter)["disagreement"] == 0.0
 
 
-def test_authority_is_how_far_the_executed_motion_departs_from_the_wish():
-    u = np.tile([0.1, 0.0, 0.0], (10, 1))
-    assert authority(u, u) == 0.0
-    assert authority(u, 0 * u) == pytest.approx(1.0)
-    assert authority(u, 3 * u) == pytest.approx(2.0)
-    assert authority(u, u + [0.0, 0.05, 0.0]) == pytest.approx(0.5)
-    assert math.isnan(authority(0 * u, u))
-    with pytest.raises(InvalidValue, match="as the operator's"):
-        authority(u, u[:-1])
-
-
-def test_a_jump_at_the_switch_is_found_in_the_summary():
+def test_a_jump_at_the_switch_is_the_worst_of_the_motion():
     x = 0.1 * np.arange(400) / RATE
     x[200:] += 0.02
     modes = ["manual"] * 200 + ["approach"] * 200
-    row = summarise(motion(x, modes), Arm)
+    row = {**interaction_measures(motion(x, modes)), **worst_jumps(motion(x, modes))}
     assert row["jump_position_m"] == pytest.approx(0.02 + 0.1 / RATE)
     assert row["jump_velocity_m_s"] == pytest.approx(0.0, abs=1e-9)
     assert row["switches"] == 1
     assert row["time_manual_s"] == row["time_approach_s"] == pytest.approx(1.0)
-    assert math.isnan(summarise(motion(x), Arm)["jump_position_m"])
+    assert math.isnan(worst_jumps(motion(x))["jump_position_m"])
     assert jump_measures(motion(x, modes), 200)["jump_position_m"] == row["jump_position_m"]
 
 
@@ -227,7 +216,6 @@ def test_the_distance_to_the_target_is_that_at_the_first_tick_of_the_new_mode():
     targets = [None] * 150 + [here] * 150 + [there] * 100
     m = motion(x, modes)
     assert worst_jumps(m, targets)["jump_target_distance_m"] == pytest.approx(0.3)
-    assert summarise(m, Arm, targets=targets)["jump_target_distance_m"] == pytest.approx(0.3)
     assert worst_jumps(m, [None] * 200 + targets[200:])["jump_target_distance_m"] == pytest.approx(0.01)
     assert math.isnan(worst_jumps(m)["jump_target_chord"])
     with pytest.raises(InvalidValue, match="one for each tick"):
@@ -251,13 +239,13 @@ def test_the_narrowest_place_is_found_with_its_time():
     assert found.time == pytest.approx(1.5, abs=0.011)
     assert found.mean == pytest.approx(np.mean(np.abs(q[::4] - 1.5)) + 0.02, abs=1e-9)
     assert path_clearance(lambda rows: rows[:, 0], np.zeros((0, 1)), RATE).least == math.inf
-    with pytest.raises(InvalidValue, match="one for each posture"):
+    with pytest.raises(InvalidValue, match="one for each configuration"):
         path_clearance(lambda rows: rows, q, RATE)
 
 
 def test_a_part_of_a_motion_has_its_own_ticks_and_hand_samples():
     stamp = np.arange(180) / 90.0
-    hand = Hand(stamp, np.zeros((180, 3)))
+    hand = HandMotion(stamp, np.zeros((180, 3)))
     whole = motion(minimum_jerk(2.0), hand=hand)
     part = whole.part(100, 200)
     assert len(part) == 100

@@ -9,7 +9,6 @@ from optsc.geometry import rotation
 from optsc.metrics import (
     angular_velocity,
     dimensionless_jerk,
-    joint_log_dimensionless_jerk,
     log_dimensionless_jerk,
     movement_window,
     moving_stretches,
@@ -96,8 +95,9 @@ def test_ripples_make_a_movement_less_smooth_by_every_measure():
     assert log_dimensionless_jerk(rippled, 200) < log_dimensionless_jerk(v, 200) - 1.0
     x, y = np.cumsum(v) / 200, np.cumsum(rippled) / 200
     joints = np.outer(x, np.arange(1.0, 8.0))
-    assert joint_log_dimensionless_jerk(np.outer(y, np.arange(1.0, 8.0)), 200) < joint_log_dimensionless_jerk(
-        joints, 200
+    rippled_joints = np.outer(y, np.arange(1.0, 8.0))
+    assert log_dimensionless_jerk(rippled_joints, 200, "position") < log_dimensionless_jerk(
+        joints, 200, "position"
     )
 
 

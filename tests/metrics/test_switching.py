@@ -5,7 +5,7 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
-from optsc.metrics import switch_indices, switch_jump
+from optsc.metrics import switch_jump
 
 RATE = 100.0
 
@@ -78,12 +78,6 @@ def test_the_distance_to_the_target_is_the_papers():
     opposite = switch_jump(100, RATE, Pose(-r, p), q, target)
     assert opposite == pytest.approx(jump)
     assert math.isnan(switch_jump(100, RATE, Pose(r, p), q).target_distance)
-
-
-def test_every_change_of_mode_is_found_at_its_first_sample():
-    assert switch_indices(["manual"] * 3 + ["automatic"] * 2 + ["manual"]).tolist() == [3, 5]
-    assert switch_indices([False, False]).tolist() == []
-    assert switch_indices([]).tolist() == []
 
 
 @pytest.mark.parametrize("index", [-1, 0, 1, 199, 200])
