@@ -33,8 +33,8 @@ from optsc.sampling.antipodal import sample_grasps
 from optsc.sampling.checks import Tally
 from optsc.sampling.detection import detect_grasps
 from optsc.sim import OBJECT_NAMES, ObjectModel, object_model
-from optsc.sim.trial_settings import TrialSettings
-from optsc.sim.validation import try_in_parallel
+from optsc.sim.grasp_trial import TrialSettings
+from optsc.sim.validation import try_grasps
 
 STAGES = (  # the last check of each row of the table
     ("antipodal", "antipodal"),
@@ -128,7 +128,7 @@ def filters(options: argparse.Namespace, robot: RobotModel) -> tuple[dict[str, A
                 left[source, label] += len(poses)
                 samples.append(poses[rng.permutation(len(poses))[: options.per_filter]])
             together = at_poses(grasps, Pose.concatenate(samples)).moved(X_OU)
-            reasons = try_in_parallel(model, together, settings, workers=options.workers).reasons(settings)
+            reasons = try_grasps(model, together, settings, workers=options.workers).reasons(settings)
             ends = np.cumsum([len(sample) for sample in samples]).tolist()
             for (label, _), start, end in zip(STAGES, [0, *ends], ends, strict=False):
                 counts[source, label].update(reasons[start:end])
@@ -183,7 +183,7 @@ def unknown(options: argparse.Namespace, robot: RobotModel) -> tuple[dict[str, A
         best = np.argsort(-grasps.quality, kind="stable")[:1]
         others = rng.permutation(np.setdiff1d(np.arange(len(grasps)), best))[: options.per_object - 1]
         tried = grasps.select(np.concatenate([best, others])).moved(view.X_WO.inverse() @ X_WU)
-        outcome = try_in_parallel(model, tried, settings, workers=options.workers)
+        outcome = try_grasps(model, tried, settings, workers=options.workers)
         totals.update(outcome.reasons(settings))
         facts["held"], facts["tried"] = int(outcome.lifted.sum()), len(tried)
         facts["best_held"] = bool(outcome.lifted[0])
@@ -221,7 +221,7 @@ def timing(options: argparse.Namespace, robot: RobotModel) -> tuple[dict[str, An
             row[source] = {"grasps": len(grasps), "seconds": seconds, "cpu_s": cpu}
             if not options.untried:
                 start = perf_counter()
-                outcome = try_in_parallel(model, grasps.moved(X_OU), workers=options.workers)
+                outcome = try_grasps(model, grasps.moved(X_OU), workers=options.workers)
                 row[source] |= {"held": int(outcome.lifted.sum()), "trial_seconds": perf_counter() - start}
             print(f"{name}, {source}: {row[source]}", flush=True)
         facts[name] = row

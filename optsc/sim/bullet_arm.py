@@ -1,4 +1,4 @@
-"""An arm with its jaws in PyBullet: joints by name, drives that track, jaws that close together."""
+"""An arm with two jaws in PyBullet: joints by name, drives that track, pads that hold, jaws that move alike."""
 
 from __future__ import annotations
 
@@ -11,16 +11,13 @@ from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.sim.bullet_bodies import add_robot
-from optsc.sim.jaws import couple, drive_jaws, prepare_pads
 from optsc.sim.settings import PhysicsSettings
-
-Colour = tuple[float, float, float]
 
 WITHOUT_LIMIT = 1000.0
 """Torque [N m] of a joint whose effort limit the description does not state."""
 
 
-class Arm:
+class BulletArm:
     """The body of ``robot`` in the simulation ``client``.
 
     Attributes:
@@ -71,13 +68,6 @@ class Arm:
                 lower, upper = float(limits.lower[i]), float(limits.upper[i])
                 pybullet.changeDynamics(self.body, index, jointLowerLimit=lower, jointUpperLimit=upper, **arm)
 
-    def paint(self, arm: Colour, hand: Colour) -> None:
-        """Give the arm one colour and all that comes after its last joint another; RGB from 0 to 1."""
-        last = max(self._joints)
-        for _, link, *_ in pybullet.getVisualShapeData(self.body, physicsClientId=self._client):
-            rgb = hand if link > last else arm
-            pybullet.changeVisualShape(self.body, link, rgbaColor=[*rgb, 1.0], physicsClientId=self._client)
-
     def place(self, q: Sequence[float], opening: float) -> None:
         """Put the joints at ``q`` (n,) [rad] and the pads ``opening`` [m] apart, all at rest, at once."""
         for index, value in zip(self._joints, q, strict=True):
@@ -123,3 +113,68 @@ class Arm:
             return 0.0
         states = pybullet.getJointStates(self.body, self.fingers, physicsClientId=self._client)
         return float(sum(s[0] for s in states))
+
+
+def prepare_pads(client: int, body: int, fingers: Sequence[int], friction: float, torsion: float) -> None:
+    """Give the links ``fingers`` of ``body`` the contact properties of rubber pads.
+
+    Args:
+        client: PyBullet's number of the simulation.
+        body: of the hand or of the arm with its hand.
+        fingers: indices of the two jaws' links.
+        friction: Coulomb coefficient of the pads [-]; PyBullet multiplies it by the object's.
+        torsion: radius [m] at which a pad's friction resists turning about its normal.
+    """
+    for finger in fingers:
+        pybullet.changeDynamics(
+            body,
+            finger,
+            lateralFriction=friction,
+            spinningFriction=torsion,
+            # Friction of velocities alone lets what is held creep out of the hand, up to 0.1 mm a second.
+            frictionAnchor=1,
+            physicsClientId=client,
+        )
+
+
+def couple(client: int, body: int, fingers: Sequence[int]) -> None:
+    """Make both jaws of ``body`` move alike: otherwise they slide to one side together with what they hold."""
+    nowhere = [0.0, 0.0, 0.0]
+    gear = pybullet.createConstraint(
+        body,
+        fingers[0],
+        body,
+        fingers[1],
+        jointType=pybullet.JOINT_GEAR,
+        jointAxis=[0.0, 1.0, 0.0],
+        parentFramePosition=nowhere,
+        childFramePosition=nowhere,
+        physicsClientId=client,
+    )
+    # A soft gear (erp 0.1, 50 N) lets the jaws drift sideways together by 5 mm at 240 Hz.
+    pybullet.changeConstraint(gear, gearRatio=-1, erp=1.0, maxForce=1000, physicsClientId=client)
+
+
+def drive_jaws(
+    client: int, body: int, fingers: Sequence[int], opening: float, force: float, speed: float
+) -> None:
+    """Let the jaws move towards ``opening`` [m] from now on.
+
+    Args:
+        client: PyBullet's number of the simulation.
+        body: of the hand or of the arm with its hand.
+        fingers: indices of the two jaws' links.
+        opening: distance between the pads to reach [m].
+        force: greatest force of each jaw [N], which it only reaches where ``speed`` is far from being met.
+        speed: greatest speed of each jaw [m/s].
+    """
+    for finger in fingers:
+        pybullet.setJointMotorControl2(
+            body,
+            finger,
+            pybullet.POSITION_CONTROL,
+            targetPosition=0.5 * opening,
+            force=force,
+            maxVelocity=speed,
+            physicsClientId=client,
+        )

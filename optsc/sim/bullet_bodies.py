@@ -24,6 +24,7 @@ from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.robot.urdf import read_urdf
 from optsc.sim.objects import ObjectModel
+from optsc.sim.settings import GRAVITY
 
 MARGIN = 1e-3
 """PyBullet rounds every convex mesh outwards by this much [m] and offers no way to change it."""
@@ -121,9 +122,35 @@ def connect(gui: bool = False) -> int:
     return client
 
 
+def set_physics(client: int, time_step: float, solver_iterations: int) -> None:
+    """Give the simulation ``client`` gravity, its step [s] and its contact solver's iterations."""
+    pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=client)
+    pybullet.setPhysicsEngineParameter(
+        fixedTimeStep=time_step,
+        numSolverIterations=solver_iterations,
+        deterministicOverlappingPairs=1,
+        physicsClientId=client,
+    )
+
+
 def bullet_pose(X: Pose) -> tuple[list[float], list[float]]:
     """Return the position and the quaternion (x, y, z, w) that PyBullet takes."""
     return X.translation.tolist(), np.roll(X.quaternion, -1).tolist()
+
+
+def body_pose(client: int, body: int) -> Pose:
+    """Return the pose X_WM of a body's principal frame of mass."""
+    position, xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=client)
+    return Pose(np.roll(xyzw, 1), np.array(position))
+
+
+def place_body(client: int, body: int, X_WM: Pose) -> None:
+    """Put a body's principal frame of mass at ``X_WM``.
+
+    PyBullet makes a body at the pose of its frame O but moves it by the pose of its mass.
+    """
+    position, orientation = bullet_pose(X_WM)
+    pybullet.resetBasePositionAndOrientation(body, position, orientation, physicsClientId=client)
 
 
 def colour(name: str) -> tuple[float, float, float]:
@@ -190,14 +217,14 @@ def _multibody(client: int, model: ObjectModel, X_WO: Pose, X_OM: Pose, folder: 
     )
 
 
-def add_table(client: int, *, floor: bool = True) -> tuple[int, ...]:
-    """Put a table, its top at z = 0, and a ``floor`` into the simulation ``client``; return their bodies."""
+def add_table(client: int) -> tuple[int, ...]:
+    """Put a table, its top at z = 0, and a floor into the simulation ``client``; return the two bodies."""
     bodies = []
     slabs = (
         (TABLE_HALF_EXTENTS, 0.0, (0.87, 0.84, 0.79)),
         ((3.0, 3.0, 0.05), FLOOR_HEIGHT, (0.62, 0.64, 0.67)),
     )
-    for half_extents, top, rgb in slabs[: 1 + floor]:
+    for half_extents, top, rgb in slabs:
         shape = {"halfExtents": list(half_extents), "physicsClientId": client}
         body = pybullet.createMultiBody(
             baseMass=0.0,

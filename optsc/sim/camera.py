@@ -15,7 +15,7 @@ from optsc.geometry import DepthImage, PinholeCamera, Pose, look_at
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.sim import bullet_bodies
-from optsc.sim.bullet_arm import Arm
+from optsc.sim.bullet_arm import BulletArm
 from optsc.sim.depth_noise import DepthNoise, measured_depth
 from optsc.sim.objects import ObjectModel
 from optsc.sim.physics import Physics
@@ -108,7 +108,7 @@ class DepthCamera:
         self._client: int | None = bullet_bodies.connect()
         try:
             table = bullet_bodies.add_table(self._client)
-            self._arm = Arm(self._client, world.robot, PhysicsSettings(), visible=True)
+            self._arm = BulletArm(self._client, world.robot, PhysicsSettings(), visible=True)
             self._objects = {
                 name: (
                     bullet_bodies.add_object(self._client, model, world.X_WO[name], visible=True),
@@ -197,9 +197,7 @@ class DepthCamera:
         self._arm.place(posture.tolist(), opening)
         for name, pose in X_WO.items():
             body, X_OM = self._objects[name]
-            # PyBullet makes a body at the pose of its frame but moves it by the pose of its mass.
-            position, orientation = bullet_bodies.bullet_pose(pose @ X_OM)
-            pybullet.resetBasePositionAndOrientation(body, position, orientation, physicsClientId=client)
+            bullet_bodies.place_body(client, body, pose @ X_OM)
 
     def close(self) -> None:
         """Free what was loaded; closing again does nothing."""

@@ -14,7 +14,7 @@ from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.sim import bullet_bodies
 from optsc.sim.objects import OBJECT_NAMES, ObjectModel, object_model
-from optsc.sim.settings import GRAVITY, PhysicsSettings
+from optsc.sim.settings import PhysicsSettings
 from optsc.sim.tabletop import Tabletop
 from optsc.sim.workspace import comfortable_band
 
@@ -81,7 +81,7 @@ def cluttered_tabletop(
     models = _drawn(objects, rng)
     client = bullet_bodies.connect()
     try:
-        table = _Table(client, models)
+        table = _SettlingTable(client, models)
         for _ in range(_SCENES):
             if table.put_down(robot, rng, lying, gap, spread) and table.settled():
                 break
@@ -105,18 +105,12 @@ def _drawn(objects: Sequence[str | ObjectModel] | None, rng: np.random.Generator
     return models
 
 
-class _Table:
+class _SettlingTable:
     """A table with objects but without an arm in PyBullet's simulation ``client``."""
 
     def __init__(self, client: int, models: Sequence[ObjectModel]) -> None:
         self._client, self._models, settings = client, models, PhysicsSettings()
-        pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=client)
-        pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=settings.time_step,
-            numSolverIterations=settings.solver_iterations,
-            deterministicOverlappingPairs=1,
-            physicsClientId=client,
-        )
+        bullet_bodies.set_physics(client, settings.time_step, settings.solver_iterations)
         bullet_bodies.add_table(client)
         away = Pose.from_translation([0.0, 0.0, 5.0])
         self._bodies = [bullet_bodies.add_object(client, model, away) for model in models]
@@ -149,10 +143,8 @@ class _Table:
         return True
 
     def _move(self, i: int, X_WO: Pose) -> None:
-        position, orientation = bullet_bodies.bullet_pose(X_WO @ self._X_OM[i])
-        body, client = self._bodies[i], self._client
-        pybullet.resetBasePositionAndOrientation(body, position, orientation, physicsClientId=client)
-        pybullet.resetBaseVelocity(body, [0.0] * 3, [0.0] * 3, physicsClientId=client)
+        bullet_bodies.place_body(self._client, self._bodies[i], X_WO @ self._X_OM[i])
+        pybullet.resetBaseVelocity(self._bodies[i], [0.0] * 3, [0.0] * 3, physicsClientId=self._client)
 
     def _free(self, i: int, gap: float) -> bool:
         others = [body for body in self._bodies if body != self._bodies[i]]
@@ -181,11 +173,11 @@ class _Table:
 
     def poses(self) -> dict[str, Pose]:
         """Return X_WO of the objects."""
-        poses = {}
-        for model, body, X_OM in zip(self._models, self._bodies, self._X_OM, strict=True):
-            p, xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
-            poses[model.name] = Pose(np.roll(xyzw, 1), np.array(p)) @ X_OM.inverse()
-        return poses
+        rows = zip(self._models, self._bodies, self._X_OM, strict=True)
+        return {
+            model.name: bullet_bodies.body_pose(self._client, body) @ X_OM.inverse()
+            for model, body, X_OM in rows
+        }
 
 
 def _attitude(rng: np.random.Generator, lying: bool) -> Array:

@@ -13,8 +13,8 @@ from optsc.errors import Closed, InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.sim import bullet_bodies
-from optsc.sim.bullet_arm import Arm
-from optsc.sim.settings import GRAVITY, PhysicsSettings
+from optsc.sim.bullet_arm import BulletArm
+from optsc.sim.settings import PhysicsSettings
 from optsc.sim.tabletop import Tabletop
 
 
@@ -57,17 +57,11 @@ class Physics:
     def _build(self) -> None:
         client, world, settings = self.client, self.world, self.settings
         pybullet.resetSimulation(physicsClientId=client)
-        pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=client)
-        pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=settings.time_step,
-            numSolverIterations=settings.solver_iterations,
-            deterministicOverlappingPairs=1,
-            physicsClientId=client,
-        )
+        bullet_bodies.set_physics(client, settings.time_step, settings.solver_iterations)
         self._table, self._floor = bullet_bodies.add_table(client)
         # Friction of velocities alone lets objects at rest creep and turn, 0.2 mm and 5 mrad in 5 s.
         pybullet.changeDynamics(self._table, -1, frictionAnchor=1, physicsClientId=client)
-        self._arm = Arm(client, world.robot, settings, visible=self._gui)
+        self._arm = BulletArm(client, world.robot, settings, visible=self._gui)
         for link in self._arm.bolted:  # the base is bolted to the table and does not push against it
             pybullet.setCollisionFilterPair(
                 self._arm.body, self._table, link, -1, enableCollision=0, physicsClientId=client

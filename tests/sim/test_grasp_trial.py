@@ -11,11 +11,9 @@ from optsc.grasps import GraspSet
 from optsc.robot import PANDA_HAND, urdf
 from optsc.sampling.antipodal import sample_grasps
 from optsc.sampling.settings import AntipodalSettings
-from optsc.sim.grasp_trial import try_grasps
+from optsc.sim.grasp_trial import TrialSettings, hand_description
 from optsc.sim.objects import OBJECT_NAMES, object_model
-from optsc.sim.trial_hand import hand_description
-from optsc.sim.trial_settings import TrialOutcome, TrialSettings
-from optsc.sim.validation import validate
+from optsc.sim.validation import TrialOutcome, try_grasps, validate
 
 _QUARTER_TURN = Pose.from_rotation_vector([0.0, 0.0, 0.5 * np.pi], np.zeros(3))
 
