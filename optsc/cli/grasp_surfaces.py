@@ -58,7 +58,7 @@ def place_for(grasps: GraspSet, folder: Path, mesh: Path | None, unit: float) ->
         Mismatch: the surface that is given is not the one that the grasps were made on.
         InvalidValue: no surface is known, or it is not closed.
     """
-    from optsc.sim.objects.own import model_from_mesh
+    from optsc.sim.objects.model import model_from_mesh
 
     name = grasps.object_name
     if mesh is not None:

@@ -10,7 +10,7 @@ from optsc.cli.grasp_surfaces import place_for
 from optsc.cli.progress import counted_progress
 from optsc.errors import InvalidValue
 from optsc.grasps import GraspLibrary, GraspSet
-from optsc.sim.objects.own import added_thickness
+from optsc.sim.objects.model import added_thickness
 from optsc.sim.validation import validate
 
 

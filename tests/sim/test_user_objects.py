@@ -6,7 +6,7 @@ import pytest
 from optsc.errors import InvalidValue
 from optsc.geometry import TriangleMesh
 from optsc.sim import object_model
-from optsc.sim.objects.own import DENSITY, added_thickness, model_from_mesh
+from optsc.sim.objects.model import DENSITY, added_thickness, model_from_mesh
 from optsc.sim.objects.solids import cuboid
 
 
