@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import optsc
-from optsc.study import sweep
+from optsc.study import Cases, sweep
 
 dimensions = [
     sweep.Dimension("weight.orientation"),
@@ -16,13 +16,13 @@ dimensions = [
     sweep.Dimension("weight.joint-travel"),
 ]
 points = sweep.design("sobol", dimensions, count=40, levels=5, seed=1)  # levels are for the other designs
-cases = sweep.Cases(robots=("panda",), scenes=3, seed=1)
+cases = Cases(robots=("panda",), scenes=3, seed=1)
 jobs = cases.jobs([*sweep.conditions(points), optsc.study.PAPER])
 
 store = sweep.RowStore(Path(sys.argv[1] if len(sys.argv) > 1 else "sweep-rows"))
 # One process is enough for three scenes; leave `workers` out and there is one for each core.
 rows = sweep.run_jobs(jobs, store, workers=0)
-settled = sweep.settle(rows)  # each setting by its means over the scenes
+settled = sweep.setting_results(rows)  # each setting by its means over the scenes
 
 print(f"{'setting':>8} {'orient.':>8} {'position':>8} {'manip.':>8} {'travel':>8} {'path [m]':>9} {'M':>7}")
 for setting in sorted(settled, key=lambda s: s.row["path_length_m"]):

@@ -50,8 +50,8 @@ def add_case_options(
 
 def cases_of(options: argparse.Namespace) -> Any:
     """Return the cases that the options of `add_case_options` ask for."""
+    from optsc.study.cases import Cases
     from optsc.study.episode_setup import EpisodeSettings
-    from optsc.study.sweep.plan import Cases
 
     return Cases(
         tuple(options.robots),

@@ -186,12 +186,12 @@ def _plan(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from optsc.cli.people_running import run_trials
-    from optsc.study.participants.hands import hand_of
+    from optsc.study.participants.hand_sources import hand_source
     from optsc.study.participants.plan import StudyPlan
 
     plan = StudyPlan.load(options.study)
-    sitting = plan.sitting(options.participant, options.study)
-    return run_trials(plan, sitting, hand_of(options.operator), options)
+    session = plan.session(options.participant, options.study)
+    return run_trials(plan, session, hand_source(options.operator), options)
 
 
 def _rate(options: argparse.Namespace) -> int:
@@ -199,10 +199,10 @@ def _rate(options: argparse.Namespace) -> int:
     from optsc.study.participants.plan import StudyPlan
     from optsc.study.participants.workload import Workload
 
-    sitting = StudyPlan.load(options.study).sitting(options.participant, options.study)
-    sitting.check_rating(options.condition, replace=options.replace)
+    session = StudyPlan.load(options.study).session(options.participant, options.study)
+    session.check_rating(options.condition, replace=options.replace)
     answers = asked(options.condition) if options.answers is None else Workload.parse(options.answers)
-    path = sitting.rate(options.condition, answers, replace=options.replace)
+    path = session.rate(options.condition, answers, replace=options.replace)
     print(f"participant {options.participant}, {options.condition}: raw NASA-TLX {answers.raw:.1f}, {path}")
     return 0
 
@@ -212,10 +212,10 @@ def _status(options: argparse.Namespace) -> int:
 
     plan = StudyPlan.load(options.study)
     for participant in range(1, plan.participants + 1):
-        sitting = plan.sitting(participant, options.study)
-        remaining, unrated = sitting.remaining, [block.condition for block in sitting.unrated]
-        planned = sum(len(block.trials) for block in sitting.blocks)
-        words = [f"next {sitting.announce(remaining[0])}" if remaining else "all trials are done"]
+        session = plan.session(participant, options.study)
+        remaining, unrated = session.remaining, [block.condition for block in session.unrated]
+        planned = sum(len(block.trials) for block in session.blocks)
+        words = [f"next {session.announce(remaining[0])}" if remaining else "all trials are done"]
         words += [f"not rated yet: {', '.join(unrated)}"] if unrated else []
         print(
             f"participant {participant}: {planned - len(remaining)} of {planned} trials; {'; '.join(words)}"

@@ -57,7 +57,7 @@ def add_parser(subparsers: Any) -> None:
 def _approach(options: argparse.Namespace) -> int:
     from optsc.study.approach import approach_conditions, compare, failures
     from optsc.study.approach_report import build, summary_of
-    from optsc.study.output import save_rows, save_summary
+    from optsc.study.results_folder import save_rows, save_summary
 
     cases = cases_of(options)
     jobs = cases.jobs(approach_conditions(options.measures))
@@ -89,7 +89,7 @@ def _approach(options: argparse.Namespace) -> int:
 def _arbitration(options: argparse.Namespace) -> int:
     from optsc.study.arbitration import do_policies, policy_conditions, policy_jobs
     from optsc.study.arbitration_report import build, summary_of, text_table
-    from optsc.study.output import save_rows, save_summary
+    from optsc.study.results_folder import save_rows, save_summary
 
     cases = cases_of(options)
     jobs = policy_jobs(cases, policy_conditions(options.policies))

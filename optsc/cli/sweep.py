@@ -189,7 +189,7 @@ def _base(options: argparse.Namespace, dimensions: Any) -> Any:
 
 def _searched(options: argparse.Namespace, cases: Any, dimensions: Any, objectives: dict[str, str]) -> Any:
     """Return the points that a search tried, in its order; what became of them is in the store."""
-    from optsc.study.output import save_rows
+    from optsc.study.results_folder import save_rows
     from optsc.study.sweep.store import RowStore
     from optsc.study.sweep.tuning import tune
 
@@ -212,13 +212,13 @@ def _searched(options: argparse.Namespace, cases: Any, dimensions: Any, objectiv
 
 def _report(options: argparse.Namespace, jobs: Any, rows: Any, objectives: dict[str, str]) -> int:
     from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER
-    from optsc.study.output import save_rows, save_summary
+    from optsc.study.results_folder import save_rows, save_summary
     from optsc.study.sweep.report import build, rows_of
-    from optsc.study.sweep.results import settle, trade_off_of
+    from optsc.study.sweep.results import setting_results, trade_off_of
 
     references, trade_off = {PAPER.name, MANIPULABILITY_ONLY.name}, trade_off_of(objectives)
-    settled = settle([row for row in rows if row["condition"] not in references], trade_off)
-    compared = settle([row for row in rows if row["condition"] in references])
+    settled = setting_results([row for row in rows if row["condition"] not in references], trade_off)
+    compared = setting_results([row for row in rows if row["condition"] in references])
     save_rows(rows, options.output)
     save_rows(rows_of([*compared, *settled]), options.output, "settings")
     stabilities = _stabilities(options, jobs, settled, trade_off)
@@ -249,7 +249,7 @@ def _stabilities(options: argparse.Namespace, jobs: Any, settled: Any, trade_off
 
     from optsc.study.conditions import PAPER
     from optsc.study.stability import stability
-    from optsc.study.sweep.shown import shown_settings
+    from optsc.study.sweep.results import shown_settings
 
     found = []
     robots = list(dict.fromkeys(job.scene.robot for job in jobs)) if options.stability else []

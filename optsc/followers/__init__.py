@@ -1,6 +1,7 @@
-"""What executes the commands: the follower protocol and an ideal arm."""
+"""What executes the commands: the follower protocol, an ideal arm, an arm at the pace of the clock."""
 
 from optsc.followers.ideal import IdealFollower
+from optsc.followers.paced import PacedFollower
 from optsc.followers.protocol import Follower, FollowerState
 
-__all__ = ["Follower", "FollowerState", "IdealFollower"]
+__all__ = ["Follower", "FollowerState", "IdealFollower", "PacedFollower"]

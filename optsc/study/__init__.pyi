@@ -19,6 +19,7 @@ from .arbitration import policy_conditions as policy_conditions
 from .arbitration import policy_jobs as policy_jobs
 from .arbitration import simulated as simulated
 from .arms import Arm as Arm
+from .cases import Cases as Cases
 from .conditions import MANIPULABILITY_ONLY as MANIPULABILITY_ONLY
 from .conditions import PAPER as PAPER
 from .conditions import Condition as Condition
@@ -37,8 +38,8 @@ from .outcomes import Job as Job
 from .outcomes import Row as Row
 from .outcomes import do as do
 from .outcomes import scene_means as scene_means
-from .output import save_rows as save_rows
-from .output import save_summary as save_summary
+from .results_folder import save_rows as save_rows
+from .results_folder import save_summary as save_summary
 from .scenes import LEVELS as LEVELS
 from .scenes import Difficulty as Difficulty
 from .scenes import Grade as Grade
@@ -57,9 +58,7 @@ from .statistics import paired_difference as paired_difference
 from .statistics import pareto_front as pareto_front
 from .statistics import rank_biserial as rank_biserial
 from .statistics import share_interval as share_interval
-from .sweep.plan import Cases as Cases
-from .sweep.results import Settled as Settled
-from .sweep.results import settle as settle
+from .sweep.results import setting_results as setting_results
 from .sweep.runner import JobFailed as JobFailed
 from .sweep.runner import Progress as Progress
 from .sweep.runner import dask_executor as dask_executor
@@ -67,5 +66,5 @@ from .sweep.runner import run_jobs as run_jobs
 from .sweep.space import Dimension as Dimension
 from .sweep.space import rule_of as rule_of
 from .sweep.store import RowStore as RowStore
-from .sweep.tuning import Trial as Trial
+from .sweep.tuning import TuningTrial as TuningTrial
 from .sweep.tuning import tune as tune

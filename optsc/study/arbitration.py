@@ -34,14 +34,14 @@ from optsc.operators import Operator
 from optsc.people.simulated import R_WS_DEFAULT
 from optsc.records import Run, Tick
 from optsc.session import run
+from optsc.study.cases import Cases
 from optsc.study.conditions import OperatorSpec
 from optsc.study.episode_setup import EpisodeSettings, EpisodeSetup, episode_key
-from optsc.study.keys import key, plain
+from optsc.study.fingerprint import fingerprint, plain
 from optsc.study.lifting import is_lifted
 from optsc.study.loading import absolute, load_named
 from optsc.study.outcomes import JUMPS, Row, case_labels, nearest_to
 from optsc.study.scenes import Scene
-from optsc.study.sweep.plan import Cases
 
 VERSION = 3
 """Version of what a row means; part of every key."""
@@ -85,7 +85,7 @@ class PolicyCondition:
         """Hash of the policy and its settings, and of its code where it is not this library's own."""
         policy: Any = self.policy
         settings = plain(policy) if is_dataclass(policy) else plain([type(policy), vars(policy)])
-        return key([VERSION, type(policy).__name__, settings])
+        return fingerprint([VERSION, type(policy).__name__, settings])
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.source:
@@ -142,7 +142,7 @@ class PolicyJob:
     def keys(self) -> list[str]:
         """Return the key of each condition's row."""
         episode = episode_key(self.scene, self.person, self.settings)
-        return [key([episode, condition.key]) for condition in self.conditions]
+        return [fingerprint([episode, condition.key]) for condition in self.conditions]
 
     def labels(self, condition: PolicyCondition) -> Row:
         """Return what a table says about a row besides its outcome."""

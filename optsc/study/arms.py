@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optsc.errors import DamagedFile, InvalidValue, Mismatch
 from optsc.robot import PANDA_HAND, ROBOT_NAMES, Gripper, RobotModel, load_robot
-from optsc.study.keys import key
+from optsc.study.fingerprint import fingerprint
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Arm:
         limits = {name: np.array(value, dtype=float) for name, value in self.limits.items()}
         object.__setattr__(self, "file_hash", _file_hash(self.urdf))
         object.__setattr__(
-            self, "key", key([self.name, self.file_hash, self.tip, self.gripper, home, limits])
+            self, "key", fingerprint([self.name, self.file_hash, self.tip, self.gripper, home, limits])
         )
 
     def load(self) -> RobotModel:

@@ -12,7 +12,7 @@ from optsc.operators import Operator
 from optsc.people.people import operator_type
 from optsc.robot.manipulability import DEFINITIONS, Manipulability
 from optsc.selection import Cascade, Rule
-from optsc.study.keys import Plain, key, plain
+from optsc.study.fingerprint import Plain, fingerprint, plain
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Condition:
     @cached_property
     def key(self) -> str:
         """Hash of the rule and of the definition of M, whatever they are called."""
-        return key([self.rule, measure(self.measure)])
+        return fingerprint([self.rule, measure(self.measure)])
 
     def with_measure(self, name: str) -> Condition:
         """Return the same rule with another definition of M."""

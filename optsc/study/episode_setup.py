@@ -21,8 +21,8 @@ from optsc.robot import RobotModel
 from optsc.robot.collision import CollisionModel
 from optsc.selection import GraspClearance
 from optsc.study.conditions import PAPER, Condition, OperatorSpec
+from optsc.study.fingerprint import fingerprint, plain
 from optsc.study.fresh import FreshSelector, Tables
-from optsc.study.keys import key, plain
 from optsc.study.libraries import grasps_hash, library_of
 from optsc.study.scenes import Scene
 
@@ -79,7 +79,9 @@ def episode_key(scene: Scene, person: OperatorSpec, settings: EpisodeSettings) -
     grasps = grasps_hash(robot, tuple(scene.object_models().values()), settings.library)
     # The same grasps from another folder are the same grasps.
     shared = {f.name: plain(getattr(settings, f.name)) for f in fields(settings) if f.name != "library"}
-    return key([ENGINE, optsc.__version__, scene.hash, grasps, person.describe(), shared, limits, robot.home])
+    return fingerprint(
+        [ENGINE, optsc.__version__, scene.hash, grasps, person.describe(), shared, limits, robot.home]
+    )
 
 
 class EpisodeSetup:

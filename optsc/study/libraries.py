@@ -12,7 +12,7 @@ from optsc.grasps import GraspLibrary, GraspSet
 from optsc.robot import Gripper, RobotModel
 from optsc.sampling import build_library
 from optsc.sim import ObjectModel, object_model
-from optsc.study.keys import key
+from optsc.study.fingerprint import fingerprint
 
 LIBRARY_SEED = 0
 """Libraries are stored and reused, so their seed is not the scene's."""
@@ -61,10 +61,10 @@ def grasps_hash(
 ) -> str:
     """Return a hash of every grasp that `library_of` gives, wherever they come from."""
     library = library_of(robot, objects, directory)
-    return key([_hash(library[name]) for name in sorted(library)])
+    return fingerprint([_hash(library[name]) for name in sorted(library)])
 
 
 @lru_cache(maxsize=256)
 def _hash(grasps: GraspSet) -> str:
     poses = [grasps.X_OG.quaternion, grasps.X_OG.translation, grasps.opening, grasps.quality]
-    return key([grasps.object_name, grasps.gripper, grasps.jaw_symmetric, poses])
+    return fingerprint([grasps.object_name, grasps.gripper, grasps.jaw_symmetric, poses])

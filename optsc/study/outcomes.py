@@ -22,7 +22,7 @@ from optsc.sim import OBJECT_NAMES, ObjectModel, object_model
 from optsc.study.conditions import DEFAULT_MEASURE, Condition, OperatorSpec, measure
 from optsc.study.engine import Choice, Engine
 from optsc.study.episode_setup import EpisodeSettings, EpisodeSetup, episode_key
-from optsc.study.keys import key
+from optsc.study.fingerprint import fingerprint
 from optsc.study.leading import ARRIVED
 from optsc.study.scenes import Scene
 from optsc.study.statistics import mean_of
@@ -62,7 +62,7 @@ class Job:
     def keys(self) -> list[str]:
         """Return the key of each condition's row."""
         episode = episode_key(self.scene, self.person, self.settings)
-        return [key([episode, condition.key]) for condition in self.conditions]
+        return [fingerprint([episode, condition.key]) for condition in self.conditions]
 
     def labels(self, condition: Condition) -> Row:
         """Return what a table says about a row besides its outcome; not stored, for names may change."""
@@ -122,7 +122,7 @@ def rows(engine: Engine, conditions: Sequence[Condition]) -> list[Row]:
     nearest = nearest_to(engine.stage)
     result = []
     for condition, choice in zip(conditions, engine.choices(conditions), strict=True):
-        row: Row = {"key": key([engine.key, condition.key])}
+        row: Row = {"key": fingerprint([engine.key, condition.key])}
         if choice is None:
             row.update(_nothing("refused or never handed over"))
         else:

@@ -15,7 +15,7 @@ from optsc.geometry.rotation import Array
 from optsc.robot import ROBOT_NAMES, RobotModel
 from optsc.sim import OBJECT_NAMES, ObjectModel, Tabletop, object_model, tabletop
 from optsc.study.arms import Arm, arm
-from optsc.study.keys import key
+from optsc.study.fingerprint import fingerprint
 
 DRAWS = 24
 """Arrangements among which one of the wanted difficulty is looked for."""
@@ -131,7 +131,7 @@ class Scene:
         own = {model.name: _content(model) for model in self.models if model.name in self.objects}
         surfaces = [own.get(name) or object_model(name).mesh.hash for name in self.objects]
         robot = self.robot if self.arm is None else self.arm.key
-        return key(["scene", robot, self.objects, surfaces, self.places, self.goal])
+        return fingerprint(["scene", robot, self.objects, surfaces, self.places, self.goal])
 
     def robot_model(self) -> RobotModel:
         """Return the arm, the same object for the same arm: what is built for it is kept with it."""
@@ -193,7 +193,9 @@ def _kept(content: _Content) -> ObjectModel:
 
 
 def _content(model: ObjectModel) -> str:
-    return key([model.name, model.mesh.hash, [p.hash for p in model.parts], model.mass, model.friction])
+    return fingerprint(
+        [model.name, model.mesh.hash, [p.hash for p in model.parts], model.mass, model.friction]
+    )
 
 
 def random_scene(

@@ -41,7 +41,7 @@ Input = tuple[Pose | None, float | None]
 Stream = Callable[[np.random.Generator, Servo, Pose], Iterator[Input]]
 
 
-class Episode(NamedTuple):
+class SoakEpisode(NamedTuple):
     """What one episode was and did.
 
     Attributes:
@@ -76,14 +76,14 @@ class Soak:
     violations: Counter[str] = field(default_factory=Counter)
     statuses: Counter[str] = field(default_factory=Counter)
     exceptions: int = 0
-    failures: list[Episode] = field(default_factory=list)
+    failures: list[SoakEpisode] = field(default_factory=list)
 
     @property
     def passed(self) -> bool:
         """Whether nothing was broken and nothing was raised."""
         return self.exceptions == 0 and not any(self.violations.values())
 
-    def add(self, episode: Episode) -> None:
+    def add(self, episode: SoakEpisode) -> None:
         """Count one episode."""
         self.ticks += episode.ticks
         self.episodes += 1
@@ -301,7 +301,7 @@ def _columns(start: _Start) -> tuple[tuple[str, Array], ...]:
 
 def run_episode(
     seed: int, number: int, robots: Sequence[str] = ROBOT_NAMES, streams: Sequence[str] = tuple(STREAMS)
-) -> Episode:
+) -> SoakEpisode:
     """Return what episode ``number`` of the soak ``seed`` does: a pure function of the arguments.
 
     Raises `UnknownName` for a robot or a stream that there is not.
@@ -331,7 +331,9 @@ def run_episode(
         "streams": used,
     }
     found = _violations(servo, start, commands)
-    return Episode(number, about, len(commands), found, exception, Counter(c.status.name for c in commands))
+    return SoakEpisode(
+        number, about, len(commands), found, exception, Counter(c.status.name for c in commands)
+    )
 
 
 def soak(

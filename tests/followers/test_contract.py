@@ -2,7 +2,7 @@
 
 import optsc
 from optsc.followers import IdealFollower
-from optsc.study.participants.live import PacedFollower
+from optsc.followers.paced import PacedFollower
 from optsc.testing import FollowerContract
 
 

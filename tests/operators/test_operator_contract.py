@@ -4,8 +4,8 @@ import pytest
 
 from optsc.geometry import Pose
 from optsc.operators import HandRecording, Mailbox, OperatorSample, Recorded
+from optsc.operators.live_hand import LiveHand
 from optsc.people import TYPES
-from optsc.study.participants.live import LiveHand
 from optsc.testing import OperatorContract
 from optsc.testing.loop import StraightOperator
 

@@ -22,10 +22,10 @@ from optsc.study.arbitration import (
     policy_jobs,
 )
 from optsc.study.arbitration_report import COLUMNS, JUMPS, MODES, SMOOTHNESS, build, summary_of, text_table
+from optsc.study.cases import Cases
 from optsc.study.loading import absolute, load_named
 from optsc.study.outcomes import scene_means
 from optsc.study.statistics import bootstrap
-from optsc.study.sweep.plan import Cases
 from optsc.study.sweep.runner import run_jobs
 from optsc.study.sweep.store import RowStore
 

@@ -10,7 +10,7 @@ from optsc.robot.manipulability import DEFINITIONS
 from optsc.selection import Cascade, WeightedSum
 from optsc.selection.costs import OrientationDistance, PositionDistance
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, OperatorSpec
-from optsc.study.keys import canonical, key
+from optsc.study.fingerprint import canonical_json, fingerprint
 from optsc.study.stability import perturbed
 from optsc.study.statistics import (
     averages,
@@ -25,8 +25,8 @@ from optsc.study.statistics import (
 
 def test_a_key_is_the_same_in_every_process():
     code = (
-        "from optsc.study.conditions import PAPER, OperatorSpec; from optsc.study.keys import key;"
-        "print(PAPER.key, key(OperatorSpec('hasty', 3).describe()))"
+        "from optsc.study.conditions import PAPER, OperatorSpec; from optsc.study.fingerprint import fingerprint;"
+        "print(PAPER.key, fingerprint(OperatorSpec('hasty', 3).describe()))"
     )
     found = [
         subprocess.run(
@@ -34,7 +34,7 @@ def test_a_key_is_the_same_in_every_process():
         ).stdout.split()
         for _ in range(2)
     ]
-    assert found[0] == found[1] == [PAPER.key, key(OperatorSpec("hasty", 3).describe())]
+    assert found[0] == found[1] == [PAPER.key, fingerprint(OperatorSpec("hasty", 3).describe())]
 
 
 def test_whatever_changes_the_choice_changes_the_key_and_the_name_does_not():
@@ -50,11 +50,11 @@ def test_whatever_changes_the_choice_changes_the_key_and_the_name_does_not():
 
 
 def test_nothing_goes_into_a_key_by_its_address():
-    with pytest.raises(InvalidValue, match="part of a key"):
-        key(object())
+    with pytest.raises(InvalidValue, match="part of a fingerprint"):
+        fingerprint(object())
     with pytest.raises(InvalidValue, match="finite"):
-        key([math.nan])
-    assert canonical({"b": 1, "a": np.float64(0.1)}) == '{"a":0.1,"b":1}'
+        fingerprint([math.nan])
+    assert canonical_json({"b": 1, "a": np.float64(0.1)}) == '{"a":0.1,"b":1}'
 
 
 def test_paired_differences_are_those_of_the_textbook():

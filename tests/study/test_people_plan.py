@@ -100,7 +100,7 @@ def test_a_design_takes_whole_numbers_and_lists_of_names(changes):
 def test_nobody_sits_who_is_not_planned(tmp_path):
     for participant in (0, 3):
         with pytest.raises(InvalidValue, match="1 to 2"):
-            PLAN.sitting(participant, tmp_path)
+            PLAN.session(participant, tmp_path)
 
 
 def test_a_trial_has_the_same_scene_under_every_condition():

@@ -1,4 +1,4 @@
-"""Studies with people: balanced orders, paired scenes, answers that are kept, sittings that go on where they were."""
+"""Studies with people: balanced orders, paired scenes, answers that are kept, sessions that go on where they were."""
 
 import json
 from collections import Counter
@@ -13,7 +13,7 @@ from optsc.geometry import Pose
 from optsc.operators import OperatorSample
 from optsc.robot import load_robot
 from optsc.study.participants.design import StudyDesign, williams_design
-from optsc.study.participants.sitting import Sitting, TrialResult, collect
+from optsc.study.participants.participant_session import ParticipantSession, TrialResult, collect
 from optsc.study.participants.workload import SCALES, Workload, ask_workload
 
 DESIGN = StudyDesign(
@@ -89,8 +89,10 @@ def test_a_sitting_that_is_interrupted_goes_on_with_the_trial_that_was_lost(tmp_
         return carried_out(trial, time_limit)
 
     with pytest.raises(KeyboardInterrupt):
-        Sitting(DESIGN, 2, tmp_path).go_on(breaks_down, lambda block: CALM, say=lambda text: None)
-    again = Sitting(StudyDesign.load(tmp_path / "design.json"), 2, tmp_path)
+        ParticipantSession(DESIGN, 2, tmp_path).run_remaining(
+            breaks_down, lambda block: CALM, say=lambda text: None
+        )
+    again = ParticipantSession(StudyDesign.load(tmp_path / "design.json"), 2, tmp_path)
     assert len(again.remaining) == 7
     assert not again.finished
     lost = again.remaining[0]
@@ -100,18 +102,20 @@ def test_a_sitting_that_is_interrupted_goes_on_with_the_trial_that_was_lost(tmp_
         rest.append(trial)
         return carried_out(trial, time_limit)
 
-    again.go_on(recorded, lambda block: CALM, say=lambda text: None)
+    again.run_remaining(recorded, lambda block: CALM, say=lambda text: None)
     assert rest[0] == lost
     assert done + rest == [trial for block in DESIGN.blocks(2) for trial in block.trials]
     assert again.finished
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    again.go_on(breaks_down, lambda block: CALM)
+    again.run_remaining(breaks_down, lambda block: CALM)
     assert before == {path: path.read_bytes() for path in tmp_path.iterdir()}
 
 
 def test_everything_that_was_kept_is_collected_in_one_table(tmp_path):
     for participant in (1, 2):
-        Sitting(DESIGN, participant, tmp_path).go_on(carried_out, lambda block: CALM, say=lambda text: None)
+        ParticipantSession(DESIGN, participant, tmp_path).run_remaining(
+            carried_out, lambda block: CALM, say=lambda text: None
+        )
     rows = collect(tmp_path)
     assert len(rows) == 2 * 3 * 4
     assert {row["condition"] for row in rows} == set(DESIGN.conditions)
@@ -123,9 +127,9 @@ def test_everything_that_was_kept_is_collected_in_one_table(tmp_path):
 
 
 def test_another_design_in_the_same_directory_is_refused(tmp_path):
-    Sitting(DESIGN, 1, tmp_path)
+    ParticipantSession(DESIGN, 1, tmp_path)
     with pytest.raises(InvalidValue, match="design"):
-        Sitting(StudyDesign("pilot", ("paper", "manual")), 1, tmp_path)
+        ParticipantSession(StudyDesign("pilot", ("paper", "manual")), 1, tmp_path)
 
 
 def test_the_raw_score_is_the_mean_of_six():

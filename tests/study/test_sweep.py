@@ -14,8 +14,9 @@ import pytest
 from sweep_jobs import Counting, failing_work, fake_jobs, fake_work, mortal_work
 
 from optsc.errors import DamagedFile, InvalidValue
+from optsc.study.results_folder import read_table, write_csv
 from optsc.study.sweep.runner import JobFailed, Progress, dask_executor, run_jobs
-from optsc.study.sweep.store import RowStore, read_table, write_csv
+from optsc.study.sweep.store import RowStore
 
 HERE = Path(__file__).parent
 
@@ -95,7 +96,8 @@ import sys, time
 sys.path.insert(0, {here!r})
 import sweep_jobs as t
 from optsc.study.sweep.runner import run_jobs
-from optsc.study.sweep.store import RowStore, write_table
+from optsc.study.results_folder import write_table
+from optsc.study.sweep.store import RowStore
 from pathlib import Path
 
 def slow(job):

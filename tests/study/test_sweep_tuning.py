@@ -1,4 +1,4 @@
-"""Settled rows and tuning: which settings are compared, and how a search goes on."""
+"""Results of settings and tuning: which settings are compared, and how a search goes on."""
 
 import json
 
@@ -7,11 +7,12 @@ import pytest
 
 from optsc.cli import main
 from optsc.errors import InvalidValue, UnknownName
-from optsc.study.sweep.plan import Cases
-from optsc.study.sweep.results import MEANS, settle
+from optsc.study.cases import Cases
+from optsc.study.results_folder import read_table
+from optsc.study.sweep.results import MEANS, setting_results
 from optsc.study.sweep.runner import run_jobs
 from optsc.study.sweep.space import Dimension
-from optsc.study.sweep.store import RowStore, read_table
+from optsc.study.sweep.store import RowStore
 from optsc.study.sweep.tuning import tune
 
 WEIGHTS = [Dimension(f"weight.{name}") for name in ("orientation", "position", "manipulability")]
@@ -38,7 +39,7 @@ def fake_outcome(name, path, found):
 
 
 def test_a_setting_that_gives_up_on_hard_scenes_is_not_on_the_front():
-    found = {s.row["condition"]: s for s in settle(settled_rows())}
+    found = {s.row["condition"]: s for s in setting_results(settled_rows())}
     assert found["a"].row["path_length_m"] == pytest.approx(1.5)
     assert {name for name, s in found.items() if s.best} == {"b"}
     assert found["d"].row["success"] == 0.5

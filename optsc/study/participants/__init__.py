@@ -1,4 +1,4 @@
-"""Studies with people: who does what when, whose hand it is, what they answered, where it is kept, what came out."""
+"""Studies with human participants: plan and design, hands, sessions, questionnaires, statistics, report."""
 
 import lazy_loader
 

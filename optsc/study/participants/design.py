@@ -34,7 +34,7 @@ def williams_design(count: int) -> tuple[tuple[int, ...], ...]:
     return tuple(rows)
 
 
-class Trial(NamedTuple):
+class PlannedTrial(NamedTuple):
     """One trial.
 
     Attributes:
@@ -63,7 +63,7 @@ class Block(NamedTuple):
 
     condition: str
     condition_number: int
-    trials: tuple[Trial, ...]
+    trials: tuple[PlannedTrial, ...]
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class StudyDesign:
         shuffled = np.random.default_rng([self.seed, participant, 2, number]).permutation(scenes)
         trials = []
         for run, seed in enumerate([*practice, *shuffled], start=1):
-            trials.append(Trial(participant, condition, number, run, run <= self.practice, int(seed)))
+            trials.append(PlannedTrial(participant, condition, number, run, run <= self.practice, int(seed)))
         return Block(condition, number, tuple(trials))
 
     def _seeds(self, participant: int, purpose: int, number: int, count: int) -> Sequence[int]:

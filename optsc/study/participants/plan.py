@@ -15,9 +15,9 @@ from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.robot import ROBOT_NAMES
 from optsc.sim import OBJECT_NAMES
 from optsc.study.episode_setup import EpisodeSettings
-from optsc.study.keys import key
-from optsc.study.participants.design import StudyDesign, Trial
-from optsc.study.participants.sitting import Sitting
+from optsc.study.fingerprint import fingerprint
+from optsc.study.participants.design import PlannedTrial, StudyDesign
+from optsc.study.participants.participant_session import ParticipantSession
 from optsc.study.scenes import LEVELS, Scene, random_scene
 
 PLAN_FILE = "plan.json"
@@ -72,17 +72,17 @@ class StudyPlan:
     @cached_property
     def key(self) -> str:
         """Hash of everything but the number of participants, which may grow."""
-        return key([FORMAT, replace(self, participants=1)])
+        return fingerprint([FORMAT, replace(self, participants=1)])
 
-    def scene(self, trial: Trial) -> Scene:
+    def scene(self, trial: PlannedTrial) -> Scene:
         """Return the scene of a trial; raise `InvalidValue` where so many objects do not fit."""
         return random_scene(self.robot, trial.scene_seed, objects=self.objects, level=self.level)
 
-    def sitting(self, participant: int, directory: Path) -> Sitting:
-        """Return the sitting of a participant, whose files are in ``directory``; see `Sitting` for what it raises."""
+    def session(self, participant: int, directory: Path) -> ParticipantSession:
+        """Return the session of a participant, whose files are in ``directory``; raise as `ParticipantSession` does."""
         if not 1 <= participant <= self.participants:
             raise InvalidValue("participant", participant, f"1 to {self.participants}, as planned")
-        return Sitting(self.design, participant, directory)
+        return ParticipantSession(self.design, participant, directory)
 
     def save(self, directory: Path) -> Path:
         """Write the plan, with every trial of every participant, and return its file.
@@ -155,7 +155,7 @@ class StudyPlan:
         return {"format": FORMAT, "plan": settings, "sittings": sittings}
 
 
-def _brief(trial: Trial) -> dict[str, Any]:
+def _brief(trial: PlannedTrial) -> dict[str, Any]:
     return {"run": trial.run, "practice": trial.practice, "scene_seed": trial.scene_seed}
 
 
@@ -168,13 +168,13 @@ def _text(content: Mapping[str, Any]) -> str:
     """Return JSON for people: one line for each trial."""
     head = json.dumps({name: content[name] for name in ("format", "plan")}, indent=2)[:-2]
     lines = []
-    for sitting in content["sittings"]:
+    for session in content["sittings"]:
         blocks = []
-        for block in sitting["blocks"]:
+        for block in session["blocks"]:
             trials = ",\n        ".join(json.dumps(trial) for trial in block["trials"])
             name = json.dumps(block["condition"])
             blocks.append(f'      {{"condition": {name}, "trials": [\n        {trials}]}}')
         listed = ",\n".join(blocks)
-        lines.append(f'    {{"participant": {sitting["participant"]}, "blocks": [\n{listed}]}}')
+        lines.append(f'    {{"participant": {session["participant"]}, "blocks": [\n{listed}]}}')
     sittings = ",\n".join(lines)
     return f'{head},\n  "sittings": [\n{sittings}\n  ]\n}}\n'

@@ -9,7 +9,6 @@ from typing import Any
 
 from optsc.study.arbitration_report import JUMPS
 from optsc.study.outcomes import Row
-from optsc.study.output import save_rows, save_summary
 from optsc.study.participants.analysis import (
     MEASURES,
     WORKLOAD,
@@ -19,8 +18,9 @@ from optsc.study.participants.analysis import (
     participant_means,
     tidy,
 )
+from optsc.study.participants.participant_session import collect
 from optsc.study.participants.plan import StudyPlan
-from optsc.study.participants.sitting import collect
+from optsc.study.results_folder import save_rows, save_summary
 from optsc.study.statistics import mean_of
 from optsc.viewers.report import Code, Picture, Report, Table
 from optsc.viewers.report_statistics import Estimate, bars, forest
@@ -89,10 +89,10 @@ def progress(plan: StudyPlan, directory: Path) -> list[tuple[int, int, int, tupl
     """Return for each participant the number, the trials done and planned, and the conditions still to be rated."""
     lines = []
     for participant in range(1, plan.participants + 1):
-        sitting = plan.sitting(participant, directory)
-        planned = sum(len(block.trials) for block in sitting.blocks)
-        unrated = tuple(block.condition for block in sitting.unrated)
-        lines.append((participant, planned - len(sitting.remaining), planned, unrated))
+        session = plan.session(participant, directory)
+        planned = sum(len(block.trials) for block in session.blocks)
+        unrated = tuple(block.condition for block in session.unrated)
+        lines.append((participant, planned - len(session.remaining), planned, unrated))
     return lines
 
 

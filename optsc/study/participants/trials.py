@@ -11,25 +11,25 @@ from optsc.control.arbitration import Arbitration, Trigger
 from optsc.control.policies import make_policy
 from optsc.errors import InvalidValue
 from optsc.followers import Follower
+from optsc.followers.paced import PacedFollower
 from optsc.records import Tick
 from optsc.study.arbitration import PolicyCondition, outcome, play
 from optsc.study.episode_setup import EpisodeSetup
-from optsc.study.participants.design import Trial
-from optsc.study.participants.hands import Hand, Situation
-from optsc.study.participants.live import PacedFollower
+from optsc.study.participants.design import PlannedTrial
+from optsc.study.participants.hand_sources import HandSource, TrialContext
+from optsc.study.participants.participant_session import RunTrial, TrialResult
 from optsc.study.participants.plan import StudyPlan
-from optsc.study.participants.sitting import RunTrial, TrialResult
 
 
 def trial_runner(
     plan: StudyPlan,
-    hand: Hand,
+    hand: HandSource,
     *,
     real_time: bool = False,
     gui: bool = False,
     on_tick: Callable[[Tick], None] | None = None,
 ) -> RunTrial:
-    """Return what carries out the trials of ``plan``, for `optsc.study.participants.Sitting`.
+    """Return what carries out the trials of ``plan``, for `optsc.study.participants.ParticipantSession`.
 
     Measures of a trial are those of the study of arbitration policies (`optsc.study.arbitration.REPORTED`): success is
     a grasp of the wanted object, and times and ways count up to the moment at which the jaws begin to close. Besides
@@ -55,16 +55,16 @@ def trial_runner(
 
 def _carry_out(
     plan: StudyPlan,
-    hand: Hand,
+    hand: HandSource,
     paced: bool,
     gui: bool,
     on_tick: Callable[[Tick], None] | None,
-    trial: Trial,
+    trial: PlannedTrial,
     time_limit: float,
 ) -> TrialResult:
     stage = EpisodeSetup(plan.scene(trial), plan.settings)
     policy = make_policy(trial.condition)
-    situation = Situation(trial, stage.scene, policy.trigger is Trigger.GRASPS)
+    situation = TrialContext(trial, stage.scene, policy.trigger is Trigger.GRASPS)
     labels = _labels(plan, stage, policy, hand)
     about = {**trial._asdict(), "operator": hand.kind}
     with stage.follower(gui=gui) as simulated:
@@ -77,7 +77,7 @@ def _carry_out(
     return TrialResult(ticks, bool(row.pop("success")), {**labels, **row})
 
 
-def _labels(plan: StudyPlan, stage: EpisodeSetup, policy: Arbitration, hand: Hand) -> dict[str, Any]:
+def _labels(plan: StudyPlan, stage: EpisodeSetup, policy: Arbitration, hand: HandSource) -> dict[str, Any]:
     facts = {
         "study": plan.design.name,
         "plan": plan.key,

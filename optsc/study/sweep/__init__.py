@@ -1,4 +1,4 @@
-"""Sweeps: many settings times many scenes, resumable, on one machine or many."""
+"""Sweeps: how results depend on many settings of the selection; rows kept on disk, search of settings."""
 
 import lazy_loader
 

@@ -1,7 +1,5 @@
-from .plan import Cases as Cases
 from .results import TRADE_OFF as TRADE_OFF
-from .results import Settled as Settled
-from .results import settle as settle
+from .results import setting_results as setting_results
 from .runner import JobFailed as JobFailed
 from .runner import Progress as Progress
 from .runner import dask_executor as dask_executor
@@ -21,5 +19,5 @@ from .space import simplex as simplex
 from .space import sobol as sobol
 from .store import RowStore as RowStore
 from .tuning import OBJECTIVES as OBJECTIVES
-from .tuning import Trial as Trial
+from .tuning import TuningTrial as TuningTrial
 from .tuning import tune as tune

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from optsc.study.conditions import PAPER
+from optsc.study.approach_report import ways
+from optsc.study.conditions import PAPER, Condition
 from optsc.study.outcomes import Job, Row
 from optsc.study.stability import Stability
-from optsc.study.sweep.results import TRADE_OFF, Settled
-from optsc.study.sweep.shown import differences, motions, shown_settings
+from optsc.study.sweep.results import TRADE_OFF, SettingResult, difference_from, shown_settings
 from optsc.viewers.report import Picture, Report, Table
+from optsc.viewers.report_motion import timelines, trajectories
 from optsc.viewers.report_statistics import Estimate, front, sensitivity, stability_lines
 
 LABELS = {"path_length_m": "path of the tool [m]", "target_yoshikawa": "manipulability at the grasp"}
@@ -22,13 +23,20 @@ COLUMNS = (
     *("target_yoshikawa", "clearance_m"),
 )
 """Means that are told of each setting on the front."""
+MEASURES: Mapping[str, str] = {
+    "path_length_m": "path [m]",
+    "duration_s": "time [s]",
+    "rotation_rad": "rotation [rad]",
+    "target_yoshikawa": "manipulability",
+}
+"""What settings on the front are compared in."""
 LISTED = 30
 """Settings on the front that are told."""
 
 
 def build(
-    settled: Sequence[Settled],
-    references: Sequence[Settled],
+    settled: Sequence[SettingResult],
+    references: Sequence[SettingResult],
     stabilities: Sequence[Stability],
     command: str,
     *,
@@ -65,7 +73,7 @@ def build(
     return report
 
 
-def _front(robot: str, settled: Sequence[Settled], named: Sequence[Settled]) -> Picture:
+def _front(robot: str, settled: Sequence[SettingResult], named: Sequence[SettingResult]) -> Picture:
     x_name, y_name = list(TRADE_OFF)[:2]
     x, y = (np.array([s.row[name] for s in settled], dtype=float) for name in (x_name, y_name))
     best = np.array([s.best for s in settled], dtype=bool)
@@ -80,7 +88,7 @@ def _front(robot: str, settled: Sequence[Settled], named: Sequence[Settled]) -> 
     return Picture(f"front_{robot}", figure, caption)
 
 
-def _best(settled: Sequence[Settled], named: Sequence[Settled]) -> Table:
+def _best(settled: Sequence[SettingResult], named: Sequence[SettingResult]) -> Table:
     labels = {s.row["condition"]: label for label, s in shown_settings(settled).items()}
     varied = [name for name in settled[0].row if name.startswith("at_")] if settled else []
     head = ["setting", "", *(name.removeprefix("at_") for name in varied), "success", *COLUMNS]
@@ -91,20 +99,20 @@ def _best(settled: Sequence[Settled], named: Sequence[Settled]) -> Table:
     return Table(head, lines, "Reference settings, and those on the front with its ends and its knee")
 
 
-def _listed(settled: Sequence[Settled]) -> list[Settled]:
+def _listed(settled: Sequence[SettingResult]) -> list[SettingResult]:
     """Return the settings on the front that are told, the shortest way first: ends, knee, and others."""
     shown = [s.row["condition"] for s in shown_settings(settled).values()]
     best = sorted((s for s in settled if s.best), key=lambda s: s.row["path_length_m"])
     # Many settings choose the same grasps everywhere: one of them is enough, if it can be one that is shown.
     first = sorted(best, key=lambda s: s.row["condition"] not in shown)
-    distinct: dict[tuple[Any, ...], Settled] = {}
+    distinct: dict[tuple[Any, ...], SettingResult] = {}
     for s in first:
         distinct.setdefault(tuple(s.row[name] for name in COLUMNS), s)
     kept = {s.row["condition"] for s in list(distinct.values())[:LISTED]}
     return [s for s in best if s.row["condition"] in kept]
 
 
-def _sensitivity(robot: str, settled: Sequence[Settled]) -> Picture | None:
+def _sensitivity(robot: str, settled: Sequence[SettingResult]) -> Picture | None:
     numbers = [
         name
         for name, value in settled[0].row.items()
@@ -136,6 +144,73 @@ def _stability(stabilities: Sequence[Stability]) -> tuple[Picture, Table]:
     return Picture("stability", stability_lines(sizes, tau, same), caption), table
 
 
-def rows_of(settled: Sequence[Settled]) -> list[Row]:
+def differences(front: Sequence[SettingResult], rows: Sequence[Row], reference: str = PAPER.name) -> Table:
+    """Return the table of paired differences of settings on the front from the reference."""
+    labels = {s.row["condition"]: label for label, s in shown_settings(front).items()}
+    lines: list[list[Any]] = []
+    for s in front:
+        name = s.row["condition"]
+        line: list[Any] = [name, labels.get(name, "")]
+        for number, measure in enumerate(MEASURES):
+            d = difference_from(rows, s.row["robot"], name, reference, measure)
+            interval = f"{d.mean.value:+.3g} ({d.mean.low:+.3g} to {d.mean.high:+.3g})" if d.pairs else "-"
+            line += [*([] if number else [d.pairs]), interval, d.d_z]
+        lines.append(line)
+    head = ["setting", "", "scenes", *(cell for name in MEASURES.values() for cell in (name, "d_z"))]
+    caption = (
+        f"Settings on the front minus {reference}: mean paired differences with 95 % bootstrap intervals over scenes "
+        "in which both arrived, and Cohen's d_z. They were picked for these very scenes, as the best of many, which no "
+        "interval knows of: expect less elsewhere, and try them on other scenes before believing them."
+    )
+    return Table(head, lines, caption)
+
+
+def motions(
+    shown: Mapping[str, SettingResult], rows: Sequence[Row], jobs: Sequence[Job], reference: Condition = PAPER
+) -> list[Picture | str]:
+    """Return who led when and which way the tool went, under the ``shown`` settings and the reference, in one scene.
+
+    The scene is the one, among the ``jobs`` in which all of them arrived, where they choose the most different grasps.
+    """
+    if not shown:
+        return ["There is no front to show."]
+    robot = next(iter(shown.values())).row["robot"]
+    labels = {s.row["condition"]: f"{label} ({s.row['condition']})" for label, s in shown.items()}
+    job = _telling(robot, [*labels, reference.name], rows, jobs)
+    if job is None:
+        return ["There is no scene in which the reference and all of the front's settings arrive."]
+    by_name = {c.name: c for c in job.conditions}
+    wanted = [Condition(reference.name, reference.rule, reference.measure)]
+    wanted += [Condition(label, by_name[name].rule, by_name[name].measure) for name, label in labels.items()]
+    paths = ways(job.scene, job.person, wanted, job.settings)
+    world = job.scene.world()
+    objects = {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()}
+    title = f"{robot}, scene {job.scene.seed}, {job.scene.goal}"
+    way = "The way of the tool, coloured by mode; a circle marks the hand-over, a fork the chosen grasp."
+    led = "Who led when, from the first sample to the grasp."
+    drawn = trajectories(objects, paths, title, job.scene.goal)
+    return [
+        Picture(f"ways_{robot}", drawn, f"{title}: the front's settings and the reference. {way}"),
+        Picture(f"timelines_{robot}", timelines(paths), f"{title}. {led}"),
+    ]
+
+
+def _telling(robot: str, names: Sequence[str], rows: Sequence[Row], jobs: Sequence[Job]) -> Job | None:
+    """Return the job with the most different grasps under conditions of these ``names``, all of which arrive."""
+    chosen: dict[tuple[str, str, int], dict[str, tuple[Any, ...]]] = {}
+    for row in rows:
+        if row["robot"] == robot and row["condition"] in names and row["arrived"]:
+            case = (row["scene"], row["person"], row["person_seed"])
+            grasp = (row["object"], row["candidate"], row["half_turn"])
+            chosen.setdefault(case, {})[row["condition"]] = grasp
+    best, most = None, 0
+    for job in jobs:
+        grasps = chosen.get((job.scene.hash, job.person.kind, job.person.seed), {})
+        if len(grasps) == len(names) and len(set(grasps.values())) > most:
+            best, most = job, len(set(grasps.values()))
+    return best
+
+
+def rows_of(settled: Sequence[SettingResult]) -> list[Row]:
     """Return the settings as flat rows."""
     return [{**s.row, "best": s.best} for s in settled]

@@ -20,7 +20,7 @@ from optsc.study.scenes import Scene
 from optsc.study.sweep.store import RowStore
 
 
-class Job(Protocol):
+class RowJob(Protocol):
     """Work that belongs together: rows of several conditions in one case; a frozen dataclass that can be pickled."""
 
     @property
@@ -42,7 +42,7 @@ class Job(Protocol):
         ...
 
 
-Do: TypeAlias = Callable[[Any], list[Row]]
+Work: TypeAlias = Callable[[Any], list[Row]]
 """Computes a job: one row for each of its conditions, each with its key."""
 REVIVALS = 3
 """How often a pool of processes is started anew after one of them died."""
@@ -82,7 +82,7 @@ def _clock(seconds: float) -> str:
 class JobFailed(OptscError):
     """A job that raised: which, and what."""
 
-    def __init__(self, job: Job, error: BaseException) -> None:
+    def __init__(self, job: RowJob, error: BaseException) -> None:
         self.job, self.error = job, error
         scene = job.scene
         super().__init__(
@@ -91,13 +91,13 @@ class JobFailed(OptscError):
 
 
 def run_jobs(
-    jobs: Sequence[Job],
+    jobs: Sequence[RowJob],
     store: RowStore,
     *,
     executor: Executor | None = None,
     workers: int | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-    work: Do = do,
+    work: Work = do,
 ) -> list[Row]:
     """Compute the rows of ``jobs`` that ``store`` does not have, and return all of them in the order of the jobs.
 
@@ -143,7 +143,7 @@ def run_jobs(
 
 
 def _computed(
-    jobs: list[Job], executor: Executor | None, workers: int | None, work: Do
+    jobs: list[RowJob], executor: Executor | None, workers: int | None, work: Work
 ) -> Generator[list[Row], None, None]:
     if workers == 0 and executor is None:
         for job in jobs:
@@ -154,7 +154,7 @@ def _computed(
         yield from _pooled(jobs, workers or os.cpu_count() or 1, work)
 
 
-def _guarded(job: Job, work: Do) -> list[Row]:
+def _guarded(job: RowJob, work: Work) -> list[Row]:
     try:
         return work(job)
     # Whatever a job raises ends the run, and has to say which job it was.
@@ -162,7 +162,7 @@ def _guarded(job: Job, work: Do) -> list[Row]:
         raise JobFailed(job, error) from error
 
 
-def _pooled(jobs: list[Job], workers: int, work: Do) -> Iterator[list[Row]]:
+def _pooled(jobs: list[RowJob], workers: int, work: Work) -> Iterator[list[Row]]:
     """Yield the rows of each job from a pool of this run's own; when one of its processes dies, from another pool."""
     open_ = dict(enumerate(jobs))
     for revival in range(REVIVALS + 1):
@@ -207,7 +207,9 @@ def _end_with(leash: Connection) -> None:
     Thread(target=watch, daemon=True).start()
 
 
-def _submitted(open_: dict[int, Job], executor: Executor, work: Do, *, cancel: bool) -> Iterator[list[Row]]:
+def _submitted(
+    open_: dict[int, RowJob], executor: Executor, work: Work, *, cancel: bool
+) -> Iterator[list[Row]]:
     """Yield the rows of each job and take it out of ``open_``.
 
     Left early, it cancels what is waiting, if it should: not in a pool that is about to break, where Python 3.11

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from optsc.errors import InvalidValue, OptscError
+from optsc.study.cases import Cases
 from optsc.study.outcomes import Row
 from optsc.study.statistics import mean_of, pareto_front
-from optsc.study.sweep.plan import Cases
 from optsc.study.sweep.results import trade_off_of
 from optsc.study.sweep.runner import Progress, run_jobs
 from optsc.study.sweep.space import Dimension, Point, conditions
@@ -30,7 +30,7 @@ OBJECTIVES: Mapping[str, str] = {"path_length_m": "minimize", "target_yoshikawa"
 
 
 @dataclass(frozen=True)
-class Trial:
+class TuningTrial:
     """One point and what it came to.
 
     Attributes:
@@ -60,7 +60,7 @@ def tune(
     executor: Executor | None = None,
     workers: int | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-) -> list[Trial]:
+) -> list[TuningTrial]:
     """Return all trials of a search by NSGA-II (Deb et al. 2002), those on the Pareto front marked as best.
 
     Means leave out the cases that failed, so a point that fails where another did not counts as infeasible: or else
@@ -89,7 +89,7 @@ def tune(
         raise OptscError("tuning needs the package optuna: pip install 'optsc[tune]'") from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(directions=list(objectives.values()), sampler=_sampler(generation, seed))
-    done: list[Trial] = []
+    done: list[TuningTrial] = []
     while len(done) < trials:
         asked = [study.ask() for _ in range(min(generation, trials - len(done)))]
         points = [{d.name: _suggest(trial, d) for d in dimensions} for trial in asked]
@@ -118,7 +118,7 @@ BEHIND = "behind"
 """Attribute of a trial for Optuna: how much less often it succeeded than the best so far; above 0 is infeasible."""
 
 
-def _tell(study: Any, asked: Sequence[Any], trials: Sequence[Trial], most: float) -> None:
+def _tell(study: Any, asked: Sequence[Any], trials: Sequence[TuningTrial], most: float) -> None:
     from optuna.trial import TrialState
 
     for one, trial in zip(asked, trials, strict=True):
@@ -130,12 +130,14 @@ def _tell(study: Any, asked: Sequence[Any], trials: Sequence[Trial], most: float
             study.tell(one, state=TrialState.FAIL)
 
 
-def _trial(number: int, point: Point, rows: Sequence[Row], objectives: Mapping[str, str]) -> Trial:
+def _trial(number: int, point: Point, rows: Sequence[Row], objectives: Mapping[str, str]) -> TuningTrial:
     values = {name: mean_of([row[name] for row in rows]) for name in objectives}
-    return Trial(number, point, values, float(np.mean([row["success"] for row in rows])) if rows else 0.0)
+    return TuningTrial(
+        number, point, values, float(np.mean([row["success"] for row in rows])) if rows else 0.0
+    )
 
 
-def _marked(trials: Sequence[Trial], trade_off: Mapping[str, float]) -> list[Trial]:
+def _marked(trials: Sequence[TuningTrial], trade_off: Mapping[str, float]) -> list[TuningTrial]:
     """Return the trials, marked which of those that succeed as often as any are on the front."""
     costs = np.array([[sign * trial.values[name] for name, sign in trade_off.items()] for trial in trials])
     success = np.array([trial.success for trial in trials])

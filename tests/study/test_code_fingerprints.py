@@ -11,7 +11,7 @@ import pytest
 from optsc.control.policies import make_policy
 from optsc.selection import WeightedSum
 from optsc.study.conditions import Condition
-from optsc.study.keys import canonical, key, plain
+from optsc.study.fingerprint import canonical_json, fingerprint, plain
 
 POLICY = """
 from dataclasses import dataclass
@@ -55,36 +55,36 @@ def _forgotten():
     "change", [{"sign": "-"}, {"shape": "x + x"}, {"gain": 2.5}, {"gain": "(2.0, [1])"}], ids=str
 )
 def test_policies_of_one_name_differ_in_their_keys_by_what_their_code_says_and_names(tmp_path, change):
-    one = key(loaded(tmp_path / "a").Eager())
-    assert key(loaded(tmp_path / "b", **change).Eager()) != one
+    one = fingerprint(loaded(tmp_path / "a").Eager())
+    assert fingerprint(loaded(tmp_path / "b", **change).Eager()) != one
 
 
 def test_the_same_code_has_the_same_key_wherever_it_lies_and_however_often_it_is_loaded(tmp_path):
     one = loaded(tmp_path / "a").Eager()
     again = loaded(tmp_path / "b").Eager()
     assert type(one) is not type(again)
-    assert key(one) == key(again) == key(one)
-    assert str(tmp_path) not in canonical(one)
-    assert key(loaded(tmp_path / "c", name="other_policies").Eager()) != key(one)
+    assert fingerprint(one) == fingerprint(again) == fingerprint(one)
+    assert str(tmp_path) not in canonical_json(one)
+    assert fingerprint(loaded(tmp_path / "c", name="other_policies").Eager()) != fingerprint(one)
 
 
 def test_an_edited_policy_has_another_key_in_the_process_that_loads_it_again(tmp_path):
-    before = key(loaded(tmp_path).Eager())
-    assert key(loaded(tmp_path, sign="-  ").Eager()) != before
-    assert key(loaded(tmp_path).Eager()) == before
+    before = fingerprint(loaded(tmp_path).Eager())
+    assert fingerprint(loaded(tmp_path, sign="-  ").Eager()) != before
+    assert fingerprint(loaded(tmp_path).Eager()) == before
 
 
 def test_a_file_that_was_edited_after_it_was_loaded_does_not_speak_for_what_runs(tmp_path):
     module = loaded(tmp_path)
     (tmp_path / "own_policies.py").write_text(POLICY.format(**{**DEFAULTS, "sign": "-"}))
-    unloaded = key(module.Eager())
-    assert unloaded != key(loaded(tmp_path, sign="-").Eager())
+    unloaded = fingerprint(module.Eager())
+    assert unloaded != fingerprint(loaded(tmp_path, sign="-").Eager())
 
 
 def test_the_key_of_own_code_is_the_same_in_another_process(tmp_path):
-    mine = key(loaded(tmp_path).Eager())
+    mine = fingerprint(loaded(tmp_path).Eager())
     code = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\nimport own_policies\n"
-    code += "from optsc.study.keys import key; print(key(own_policies.Eager()))"
+    code += "from optsc.study.fingerprint import fingerprint; print(fingerprint(own_policies.Eager()))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == mine
 
@@ -93,14 +93,14 @@ SCRIPT = """
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
-from optsc.study.keys import key
+from optsc.study.fingerprint import fingerprint
 GAIN = 3.0
 @dataclass(frozen=True)
 class Mine:
     def blend(self, moment):
         return GAIN
 def found(_):
-    return key(Mine())
+    return fingerprint(Mine())
 if __name__ == "__main__":
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         print(found(0), *pool.map(found, [0]))
@@ -134,31 +134,34 @@ def typed(body):
 
 
 def test_without_a_source_the_compiled_code_counts():
-    one = key(typed("x * self.gain"))
-    assert key(typed("x * self.gain")) == one
-    assert len({one, key(typed("x + self.gain")), key(typed("2.0 * self.gain"))}) == 3
+    one = fingerprint(typed("x * self.gain"))
+    assert fingerprint(typed("x * self.gain")) == one
+    assert len({one, fingerprint(typed("x + self.gain")), fingerprint(typed("2.0 * self.gain"))}) == 3
 
 
 def test_what_a_function_closes_over_is_part_of_it():
     def made(gain):
         return lambda x: gain * x
 
-    assert key(made(1.0)) == key(made(1.0)) != key(made(2.0))
+    assert fingerprint(made(1.0)) == fingerprint(made(1.0)) != fingerprint(made(2.0))
     first, second = (lambda x: x + 1), (lambda x: x + 2)
-    assert key(first) != key(second)
+    assert fingerprint(first) != fingerprint(second)
 
 
 def test_the_source_counts_where_there_is_one_so_that_keys_do_not_hang_on_the_compiler(tmp_path):
     module = loaded(tmp_path)
-    before = key(module.Eager())
+    before = fingerprint(module.Eager())
     again = loaded(tmp_path / "b", note="# A remark, which the compiler never sees.\n    ")
-    assert key(again.Eager()) != before
+    assert fingerprint(again.Eager()) != before
 
 
 def test_the_library_s_own_classes_and_functions_go_in_by_name_alone():
     assert plain(make_policy("manual"))["type"] == "Manual"
-    assert "own code" not in canonical([make_policy(name) for name in ("manual", "automatic")])
-    assert plain([math.sin, key]) == [{"named": "math.sin"}, {"named": "optsc.study.keys.key"}]
+    assert "own code" not in canonical_json([make_policy(name) for name in ("manual", "automatic")])
+    assert plain([math.sin, fingerprint]) == [
+        {"named": "math.sin"},
+        {"named": "optsc.study.fingerprint.fingerprint"},
+    ]
 
 
 def test_a_cost_that_was_edited_is_another_condition(tmp_path):

@@ -3,18 +3,24 @@
 import numpy as np
 import pytest
 
+from optsc.study.cases import Cases
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER
 from optsc.study.outcomes import do
-from optsc.study.sweep.plan import Cases
-from optsc.study.sweep.report import build
-from optsc.study.sweep.results import MEANS, Settled, settle
-from optsc.study.sweep.shown import KNEE, MEASURES, difference_from, differences, shown_settings
+from optsc.study.sweep.report import MEASURES, build, differences
+from optsc.study.sweep.results import (
+    KNEE,
+    MEANS,
+    SettingResult,
+    difference_from,
+    setting_results,
+    shown_settings,
+)
 from optsc.study.sweep.space import conditions
 
 
 def setting(name, path, found, *, best=True, robot="panda"):
     numbers = {**dict.fromkeys(MEANS, 0.0), "path_length_m": path, "target_yoshikawa": found}
-    return Settled({"robot": robot, "condition": name, "success": 1.0, **numbers}, best)
+    return SettingResult({"robot": robot, "condition": name, "success": 1.0, **numbers}, best)
 
 
 def names(shown):
@@ -78,8 +84,8 @@ def swept():
 def test_the_report_compares_the_front_with_the_paper_and_shows_how_it_moves(swept, tmp_path):
     jobs, rows = swept
     references = {PAPER.name, MANIPULABILITY_ONLY.name}
-    settled = settle([row for row in rows if row["condition"] not in references])
-    compared = settle([row for row in rows if row["condition"] in references])
+    settled = setting_results([row for row in rows if row["condition"] not in references])
+    compared = setting_results([row for row in rows if row["condition"] in references])
     page = build(settled, compared, [], "a command", rows=rows, jobs=jobs).save(tmp_path).read_text()
     figures = {path.name for path in (tmp_path / "figures").glob("*.png")}
     assert {"ways_panda.png", "timelines_panda.png"} <= figures

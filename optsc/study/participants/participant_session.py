@@ -1,4 +1,4 @@
-"""A participant's sitting: goes through the blocks, keeps every result, and goes on where it was interrupted."""
+"""A participant's session: goes through the blocks, keeps every result, and goes on where it was interrupted."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 from optsc.cache import write_atomically
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.records import Run
-from optsc.study.participants.design import Block, StudyDesign, Trial
+from optsc.study.participants.design import Block, PlannedTrial, StudyDesign
 from optsc.study.participants.workload import SCALES, Workload
-from optsc.study.strict_json import strict_json
+from optsc.study.results_folder import strict_json
 
 DESIGN_FILE = "design.json"
 
@@ -26,11 +26,11 @@ class TrialResult(NamedTuple):
     measures: Mapping[str, Any]
 
 
-RunTrial = Callable[[Trial, float], TrialResult]
+RunTrial = Callable[[PlannedTrial, float], TrialResult]
 """Carries out a trial within a time limit [s]."""
 
 
-class Sitting:
+class ParticipantSession:
     """One participant of a study, whose files are below a directory.
 
     Every trial leaves ``subject_XX_cond_YY_run_ZZ_run.npz`` (see `optsc.records.Run.save`) and
@@ -38,7 +38,7 @@ class Sitting:
     measures are there, which are written last and at once; whatever was interrupted before is done again.
 
     Args:
-        design: of the study. The first sitting keeps it in the directory.
+        design: of the study. The first session keeps it in the directory.
         participant: number, from 1.
         directory: of the study.
 
@@ -61,7 +61,7 @@ class Sitting:
             design.save(kept)
 
     @property
-    def remaining(self) -> tuple[Trial, ...]:
+    def remaining(self) -> tuple[PlannedTrial, ...]:
         """The trials that are not done yet, in order; raise `DamagedFile` for one whose measures cannot be read."""
         return tuple(trial for block in self.blocks for trial in block.trials if self.row(trial) is None)
 
@@ -87,7 +87,7 @@ class Sitting:
                 return block
         raise UnknownName("condition", condition, self.design.conditions)
 
-    def row(self, trial: Trial) -> dict[str, Any] | None:
+    def row(self, trial: PlannedTrial) -> dict[str, Any] | None:
         """Return what was kept of a trial, None where it is not done; raise `DamagedFile`."""
         path = self._path(trial)
         if not path.exists():
@@ -99,7 +99,7 @@ class Sitting:
             )
         return row
 
-    def carry_out(self, trial: Trial, run_trial: RunTrial) -> TrialResult:
+    def execute(self, trial: PlannedTrial, run_trial: RunTrial) -> TrialResult:
         """Carry out a trial, keep what came of it, and return that."""
         result = run_trial(trial, self.design.time_limit)
         result.run.save(self.directory / trial.file_name("run", "npz"))
@@ -133,7 +133,7 @@ class Sitting:
             )
         return path
 
-    def go_on(
+    def run_remaining(
         self,
         run_trial: RunTrial,
         ask: Callable[[Block], Workload],
@@ -147,17 +147,17 @@ class Sitting:
             for trial in block.trials:
                 if self.row(trial) is None:
                     say(self.announce(trial))
-                    self.carry_out(trial, run_trial)
+                    self.execute(trial, run_trial)
             if not self._tlx_path(block).exists():
                 self.rate(block.condition, ask(block))
 
-    def announce(self, trial: Trial) -> str:
+    def announce(self, trial: PlannedTrial) -> str:
         """Return which trial is next, in words."""
         number = self.blocks.index(self.block(trial.condition)) + 1
         kind = "practice" if trial.practice else "trial"
         return f"block {number} of {len(self.blocks)}, {trial.condition}: {kind}, run {trial.run}"
 
-    def _path(self, trial: Trial) -> Path:
+    def _path(self, trial: PlannedTrial) -> Path:
         return self.directory / trial.file_name("measures", "json")
 
     def _tlx_path(self, block: Block) -> Path:
@@ -183,7 +183,7 @@ def collect(directory: Path) -> list[dict[str, Any]]:
 
 
 def read_workload(path: Path) -> Workload:
-    """Return the answers that `Sitting.rate` kept; raise `DamagedFile`."""
+    """Return the answers that `ParticipantSession.rate` kept; raise `DamagedFile`."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             (answers,) = csv.DictReader(file)
@@ -197,7 +197,7 @@ def read_workload(path: Path) -> Workload:
 def _read_measures(path: Path) -> dict[str, Any]:
     try:
         row = json.loads(path.read_text(encoding="utf-8"))
-        missing = [name for name in (*Trial._fields, "success") if name not in row]
+        missing = [name for name in (*PlannedTrial._fields, "success") if name not in row]
         if missing:
             raise ValueError(f"without {', '.join(missing)}")
         int(row["participant"]), int(row["condition_number"])

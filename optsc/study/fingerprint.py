@@ -1,27 +1,96 @@
-"""Fingerprints of code that is not this library's: what a class or function says, not only what it is called.
+"""Fingerprint of a value: a hash of everything that determines a row, the same on every machine and in every process.
 
-Settings of a policy or cost that somebody wrote are not all that determines a row: its code does, too. The library's
-own code needs no such thing, since a version stands for it.
+Classes of this library go in by name: the version of the engine, which is part of every row's key, stands for their
+code. User-defined classes and functions go in with their code, since settings alone do not determine what they do.
 """
 
 from __future__ import annotations
 
 import hashlib
 import inspect
+import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import lru_cache
+from pathlib import PurePath
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from optsc.errors import InvalidValue
+
+Plain: TypeAlias = bool | int | float | str | list["Plain"] | dict[str, "Plain"] | None
 Coded: TypeAlias = type | FunctionType
+
+LENGTH = 20
+"""Hexadecimal digits of a fingerprint: 80 bits, so that a million rows collide with a chance below 1e-12."""
 
 _KNOWN = frozenset({"optsc", "builtins", *sys.stdlib_module_names})
 _MAIN = "__main__"
 _WORDS = (bool, int, float, complex, str, bytes, type(None))
+
+
+def plain(value: Any) -> Plain:
+    """Return ``value`` as JSON can hold it: dataclasses with their type's name, arrays as lists, functions by name.
+
+    User-defined classes and functions come with fingerprints of their code.
+
+    Raises `InvalidValue` for anything that has no such form, so that nothing enters a fingerprint by its address.
+    """
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value)
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
+    if is_dataclass(value) and not isinstance(value, type):
+        content = {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {"type": type(value).__name__, **_code(type(value)), **content}
+    if isinstance(value, (type, FunctionType, BuiltinFunctionType)):
+        code = {} if isinstance(value, BuiltinFunctionType) else _code(value)
+        return {"named": name_of(value), **code}
+    if isinstance(value, Mapping):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, (Sequence, frozenset, set)):
+        items = sorted(value) if isinstance(value, (frozenset, set)) else value
+        return [plain(item) for item in items]
+    raise InvalidValue(
+        "part of a fingerprint",
+        type(value).__name__,
+        "numbers, words, sequences, mappings, dataclasses, functions",
+    )
+
+
+def _code(thing: type | FunctionType) -> dict[str, Plain]:
+    """Return the entry for user-defined code; none for the classes of this library."""
+    code: dict[str, Plain] = dict(code_fingerprints(thing))
+    # No field of a dataclass can be called this.
+    return {"own code": code} if code else {}
+
+
+def canonical_json(value: Any) -> str:
+    """Return ``value`` as JSON in one spelling: sorted names, no spaces, every digit of every number."""
+    return json.dumps(plain(value), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def fingerprint(value: Any) -> str:
+    """Return the first `LENGTH` digits of the SHA-256 of the canonical form of ``value``; raise as `plain`."""
+    try:
+        text = canonical_json(value)
+    except ValueError as error:
+        if isinstance(error, InvalidValue):
+            raise
+        raise InvalidValue("part of a fingerprint", str(error), "finite numbers") from None
+    return hashlib.sha256(text.encode()).hexdigest()[:LENGTH]
 
 
 def name_of(thing: Coded | BuiltinFunctionType) -> str:
@@ -31,7 +100,7 @@ def name_of(thing: Coded | BuiltinFunctionType) -> str:
     return f"{_MAIN if module == '__mp_main__' else module}.{thing.__qualname__}"
 
 
-def own_code(thing: Coded) -> dict[str, str]:
+def code_fingerprints(thing: Coded) -> dict[str, str]:
     """Return a fingerprint by name of everything outside of this library that ``thing`` is made of; often nothing.
 
     For a class these are the class and its bases. A fingerprint is of the source, of the compiled code where there is
@@ -39,7 +108,7 @@ def own_code(thing: Coded) -> dict[str, str]:
     arrays and collections of them. What it takes from other packages, and objects of other kinds, is not looked at.
     """
     things = [thing] if isinstance(thing, FunctionType) else list(thing.__mro__)
-    return {name_of(t): _fingerprint(t, _root(t)) for t in things if _root(t) not in _KNOWN}
+    return {name_of(t): _hash_of_code(t, _root(t)) for t in things if _root(t) not in _KNOWN}
 
 
 def _root(thing: Any) -> str:
@@ -47,7 +116,7 @@ def _root(thing: Any) -> str:
     return (name or "").partition(".")[0]
 
 
-def _fingerprint(thing: Coded, root: str) -> str:
+def _hash_of_code(thing: Coded, root: str) -> str:
     parts: list[str] = []
     _collect(thing, root, parts, set())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

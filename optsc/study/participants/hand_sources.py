@@ -12,13 +12,13 @@ from optsc.operators import HandRecording, Operator, Recorded
 from optsc.people.people import TYPES
 from optsc.study.conditions import OperatorSpec
 from optsc.study.loading import load_named
-from optsc.study.participants.design import Trial
+from optsc.study.participants.design import PlannedTrial
 from optsc.study.scenes import Scene
 
 RECORDING, LIVE = "recording", "live"
 
 
-class Situation(NamedTuple):
+class TrialContext(NamedTuple):
     """What a hand is made for.
 
     Attributes:
@@ -27,13 +27,13 @@ class Situation(NamedTuple):
         by_hand: whether the trigger closes the jaws, instead of handing over to the robot.
     """
 
-    trial: Trial
+    trial: PlannedTrial
     scene: Scene
     by_hand: bool
 
 
 @dataclass(frozen=True)
-class Hand:
+class HandSource:
     """Where hands come from.
 
     Attributes:
@@ -42,7 +42,7 @@ class Hand:
     """
 
     kind: str
-    operator: Callable[[Situation], Operator]
+    operator: Callable[[TrialContext], Operator]
 
     @property
     def live(self) -> bool:
@@ -50,7 +50,7 @@ class Hand:
         return self.kind == LIVE
 
 
-def hand_of(text: str) -> Hand:
+def hand_source(text: str) -> HandSource:
     """Return the hand that ``text`` names.
 
     * a kind of simulated person, one of `optsc.people.TYPES`: for rehearsals. Its seed is that of the scene, so that
@@ -66,30 +66,32 @@ def hand_of(text: str) -> Hand:
     if text in TYPES:
         return simulated(text)
     if ":" in text:
-        return Hand(LIVE, _hook(text))
+        return HandSource(LIVE, _hook(text))
     path = Path(text)
     if path.is_dir():
-        return Hand(RECORDING, lambda situation: _played(path / situation.trial.file_name("hand", "csv")))
+        return HandSource(
+            RECORDING, lambda situation: _played(path / situation.trial.file_name("hand", "csv"))
+        )
     if path.suffix == ".csv":
         _played(path)
-        return Hand(RECORDING, lambda situation: _played(path))
+        return HandSource(RECORDING, lambda situation: _played(path))
     raise UnknownName("operator", text, [*TYPES, "FILE.csv", "FOLDER", "FILE.py:FUNCTION", "MODULE:FUNCTION"])
 
 
-def simulated(kind: str) -> Hand:
+def simulated(kind: str) -> HandSource:
     """Return simulated people of a kind; raise `UnknownName`."""
     OperatorSpec(kind)
 
-    def operator(situation: Situation) -> Operator:
+    def operator(situation: TrialContext) -> Operator:
         trial, scene, by_hand = situation
         return OperatorSpec(kind, trial.scene_seed).operator(scene.goal, scene.objects, by_hand=by_hand)
 
-    return Hand(kind, operator)
+    return HandSource(kind, operator)
 
 
-def device(operator: Callable[[Situation], Operator]) -> Hand:
+def device(operator: Callable[[TrialContext], Operator]) -> HandSource:
     """Return a person of flesh and blood, whose device ``operator`` makes ready for a trial."""
-    return Hand(LIVE, operator)
+    return HandSource(LIVE, operator)
 
 
 def _played(path: Path) -> Operator:
@@ -99,12 +101,12 @@ def _played(path: Path) -> Operator:
         raise DamagedFile(path, f"is no recorded hand ({error.strerror or error})") from None
 
 
-def _hook(text: str) -> Callable[[Situation], Operator]:
+def _hook(text: str) -> Callable[[TrialContext], Operator]:
     function = load_named(text)
     if not callable(function):
         raise InvalidValue(text, function, "a function that returns an operator")
 
-    def operator(situation: Situation) -> Operator:
+    def operator(situation: TrialContext) -> Operator:
         made = function(situation)
         if not callable(getattr(made, "read", None)):
             raise InvalidValue(f"what {text} returned", made, "an operator: something with read(view)")

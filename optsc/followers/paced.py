@@ -1,19 +1,17 @@
-"""What a person of flesh and blood needs: an arm at the pace of the clock on the wall, samples on the run's clock."""
+"""Real-time pacing: a simulated arm that goes no faster than the clock on the wall."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from math import isfinite
 from types import TracebackType
 
 from numpy.typing import ArrayLike
 
-from optsc.followers import Follower, FollowerState
+from optsc.followers.protocol import Follower, FollowerState
 from optsc.geometry import Pose
-from optsc.operators import Operator, OperatorSample, OperatorView
 
-LARGEST_LAG = 0.1
+CATCH_UP_LIMIT = 0.1
 """A simulation that has fallen behind by more than this [s] goes on from there: an arm that catches up races."""
 
 
@@ -54,7 +52,7 @@ class PacedFollower:
         ahead = self._origin + state.time - self._clock()
         if ahead > 0.0:
             self._sleep(ahead)
-        elif ahead < -LARGEST_LAG:
+        elif ahead < -CATCH_UP_LIMIT:
             self._origin -= ahead
             self.lost -= ahead
         return state
@@ -75,30 +73,3 @@ class PacedFollower:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-class LiveHand:
-    """An `Operator` whose samples were stamped on the computer's clock, as a device's thread does it.
-
-    A run has a clock of its own that begins at 0; a sample gets the time on it that is as long ago as its stamp is on
-    the computer's. Stamps never go back, whatever the two clocks do.
-
-    Args:
-        source: hands in the samples, such as `optsc.operators.Mailbox`.
-        clock: that the samples are stamped on [s].
-    """
-
-    def __init__(self, source: Operator, clock: Callable[[], float] = time.perf_counter) -> None:
-        self.source, self._clock = source, clock
-        self._last = -float("inf")
-
-    def read(self, view: OperatorView) -> OperatorSample | None:
-        """Return the newest sample on the run's clock; None when there is none since the last call."""
-        sample = self.source.read(view)
-        if sample is None:
-            return None
-        age = self._clock() - sample.stamp
-        if not isfinite(age):
-            return sample  # to be refused where samples are
-        self._last = max(self._last, view.time - max(age, 0.0))
-        return sample._replace(stamp=self._last)
