@@ -46,6 +46,7 @@ FENCES = {
     "mpl_toolkits": {"viewers", "study"},
     "small_gicp": {"perception"},
     "open3d": {"perception"},
+    "PIL": {"perception"},
     "h5py": {"sampling"},
     "pyarrow": {"study"},
     "distributed": {"study"},

@@ -18,127 +18,19 @@ from __future__ import annotations
 
 import json
 import struct
-import zipfile
 import zlib
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from optsc.cache import arrays_of
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, Pose
 from optsc.geometry.camera import LARGEST_SIDE
 from optsc.geometry.rotation import Array
-
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_BYTES = 2
-
-
-def read_png16(path: str | Path) -> np.ndarray:
-    """Return the values of a PNG file with one channel of 16 bits (H, W) uint16.
-
-    Raises:
-        DamagedFile: it is missing, no PNG file, damaged, or of another kind; the reason says which.
-    """
-    try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise DamagedFile(path, f"cannot be read ({error.strerror})") from None
-    if not content.startswith(_SIGNATURE):
-        raise DamagedFile(path, "not a PNG file")
-    header, data = _chunks(path, content)
-    width, height, bits, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
-    if (bits, colour) != (16, 0):
-        raise DamagedFile(
-            path, f"{bits} bits of colour type {colour}; a depth map has 16 bits of grey (type 0)"
-        )
-    if interlaced:
-        raise DamagedFile(path, "interlaced; save it without interlacing")
-    if not (1 <= width <= LARGEST_SIDE and 1 <= height <= LARGEST_SIDE):
-        raise DamagedFile(path, f"{width} x {height} pixels; at most {LARGEST_SIDE} along each side")
-    size = height * (1 + _BYTES * width)
-    try:
-        rows = zlib.decompressobj().decompress(data, size + 1)
-    except zlib.error as error:
-        raise DamagedFile(path, f"damaged ({error})") from None
-    if len(rows) != size:
-        raise DamagedFile(path, f"holds {len(rows)} bytes of pixels, {width} x {height} take {size}")
-    table = np.frombuffer(rows, np.uint8).reshape(height, 1 + _BYTES * width)
-    if table[:, 0].max() > 4:
-        raise DamagedFile(path, f"damaged (row filter {int(table[:, 0].max())})")
-    return _unfiltered(table).view(">u2").astype(np.uint16)
-
-
-def _chunks(path: str | Path, content: bytes) -> tuple[bytes, bytes]:
-    """Return the header and the compressed pixels."""
-    header, data, start, ended = b"", [], len(_SIGNATURE), False
-    while start + 12 <= len(content):
-        (length,) = struct.unpack_from(">I", content, start)
-        kind, body = content[start + 4 : start + 8], content[start + 8 : start + 8 + length]
-        if len(body) < length or start + 12 + length > len(content):
-            raise DamagedFile(path, "ends early")
-        if struct.unpack_from(">I", content, start + 8 + length)[0] != zlib.crc32(kind + body):
-            raise DamagedFile(path, f"damaged (checksum of {kind.decode('ascii', 'replace')})")
-        if kind == b"IHDR" and length == 13:
-            header = body
-        elif kind == b"IDAT":
-            data.append(body)
-        elif kind == b"IEND":
-            ended = True
-            break
-        start += 12 + length
-    if not header or not data or not ended:
-        raise DamagedFile(path, "ends early")
-    return header, b"".join(data)
-
-
-def _unfiltered(table: np.ndarray) -> np.ndarray:
-    """Return the bytes of all rows; PNG stores a row as differences to the bytes to the left and above."""
-    result = np.zeros((len(table), table.shape[1] - 1), dtype=np.uint8)
-    above = np.zeros(table.shape[1] - 1, dtype=np.uint8)
-    for k, (kind, *_) in enumerate(table[:, :1].tolist()):
-        row = table[k, 1:]
-        if kind == 1:
-            row = np.cumsum(row.reshape(-1, _BYTES), axis=0, dtype=np.uint8).ravel()
-        elif kind == 2:
-            row = row + above
-        elif kind >= 3:
-            row = _predicted(row.tolist(), above.tolist(), kind)
-        result[k] = above = row
-    return result
-
-
-def _predicted(row: list[int], above: list[int], kind: int) -> np.ndarray:
-    """Undo the filters that predict a byte from those already known: their average, or Paeth's choice."""
-    done = [0] * _BYTES + row
-    corner = [0] * _BYTES + above
-    for i, value in enumerate(row):
-        left, up, diagonal = done[i], above[i], corner[i]
-        if kind == 3:
-            predicted = (left + up) // 2
-        else:
-            estimate = left + up - diagonal
-            off = (abs(estimate - left), abs(estimate - up), abs(estimate - diagonal))
-            predicted = (left, up, diagonal)[off.index(min(off))]
-        done[i + _BYTES] = (value + predicted) & 0xFF
-    return np.array(done[_BYTES:], dtype=np.uint8)
-
-
-def write_png16(path: str | Path, values: np.ndarray) -> None:
-    """Write values (H, W) uint16 as a PNG file with one channel of 16 bits; raise `InvalidValue` if none."""
-    if values.ndim != 2 or values.dtype != np.uint16 or values.size == 0:
-        raise InvalidValue("values", f"{values.dtype}{values.shape}", "uint16, shape (H, W)")
-    height, width = values.shape
-    rows = np.insert(values.astype(">u2").view(np.uint8).reshape(height, -1), 0, 0, axis=1)  # no filter
-
-    def chunk(kind: bytes, body: bytes) -> bytes:
-        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-    header = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
-    parts = (chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)), chunk(b"IEND", b""))
-    Path(path).write_bytes(_SIGNATURE + b"".join(parts))
-
 
 FORMAT, VERSION = "optsc depth image", 1
 FARTHEST = 50.0
@@ -211,15 +103,66 @@ def _entries(image: DepthImage) -> dict[str, object]:
     return {"format": FORMAT, "version": VERSION, "camera": camera, "X_WC": pose, "stamp": image.stamp}
 
 
+def read_png16(path: str | Path) -> np.ndarray:
+    """Return the values of a PNG file with one channel of 16 bits (H, W) uint16.
+
+    Raises:
+        DamagedFile: it is missing, no PNG file, damaged, or of another kind; the reason says which.
+    """
+    from PIL.PngImagePlugin import PngImageFile
+
+    try:
+        content = Path(path).read_bytes()
+        with PngImageFile(BytesIO(content)) as image:
+            _check_png(path, image.mode, image.size, bool(image.info.get("interlace")))
+            image.verify()  # checksums, which reading the pixels leaves out
+        _check_pixels(path, content, image.size)
+        with PngImageFile(BytesIO(content)) as image:
+            return np.array(image)
+    except (OSError, SyntaxError, ValueError, struct.error, zlib.error) as error:
+        raise DamagedFile(path, f"cannot be read as PNG ({error})") from None
+
+
+def _check_png(path: str | Path, mode: str, size: tuple[int, int], interlaced: bool) -> None:
+    if mode != "I;16":
+        raise DamagedFile(path, f"pixels of kind {mode!r}; a depth map has one channel of 16 bits ('I;16')")
+    if interlaced:
+        raise DamagedFile(path, "interlaced; save it without interlacing")
+    if max(size) > LARGEST_SIDE:
+        raise DamagedFile(path, f"{size[0]} x {size[1]} pixels; at most {LARGEST_SIDE} along each side")
+
+
+def _check_pixels(path: str | Path, content: bytes, size: tuple[int, int]) -> None:
+    """Raise where the chunks hold fewer pixels than the header says: Pillow would take the others for zeros."""
+    expected = size[1] * (1 + 2 * size[0])
+    stream, kind, count, start = zlib.decompressobj(), b"", 0, 8
+    while kind != b"IEND" and count <= expected:
+        length, kind = struct.unpack_from(">I4s", content, start)
+        if kind == b"IDAT":
+            count += len(stream.decompress(content[start + 8 : start + 8 + length], expected + 1 - count))
+        start += 12 + length
+    if count != expected:
+        raise DamagedFile(path, f"holds {count} bytes of pixels, {size[0]} x {size[1]} take {expected}")
+
+
+def write_png16(path: str | Path, values: np.ndarray) -> None:
+    """Write values (H, W) uint16 as a PNG file with one channel of 16 bits; raise `InvalidValue` for others."""
+    from PIL import Image
+
+    if values.ndim != 2 or values.dtype != np.uint16 or values.size == 0:
+        raise InvalidValue("values", f"{values.dtype}{values.shape}", "uint16, shape (H, W)")
+    Image.fromarray(values).save(path, format="PNG")
+
+
 def _npz(path: Path) -> tuple[Mapping[str, Any], Array]:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            depth, text = np.asarray(file["depth"], dtype=float), str(file["entries"])
+        arrays = arrays_of(path.read_bytes())
+        depth, text = np.asarray(arrays["depth"], dtype=float), str(arrays["entries"])
     except FileNotFoundError:
         raise DamagedFile(path, "no such file") from None
     except KeyError as error:
         raise DamagedFile(path, f"lacks an entry ({error.args[0]}); it holds depth and entries") from None
-    except (OSError, ValueError, TypeError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, TypeError) as error:
         raise DamagedFile(path, f"cannot be read as npz ({error})") from None
     return _parsed(path, text), depth
 

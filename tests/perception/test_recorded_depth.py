@@ -86,14 +86,16 @@ def test_a_written_png_file_is_read_back_and_by_others_too(tmp_path):
     ("content", "reason"),
     [
         (b"GIF89a", "not a PNG"),
-        (png(filtered(VALUES, 0), 5, 7)[:60], "ends early"),
+        (png(filtered(VALUES, 0), 5, 7)[:60], "broken PNG file"),
         (png(filtered(VALUES, 0), 5, 8), "take 88"),
-        (png(filtered(VALUES, 0), 5, 7, bits=8), "8 bits"),
-        (png(filtered(VALUES, 0), 5, 7, colour=2), "colour type 2"),
+        (png(filtered(VALUES, 0), 5, 7, bits=8), "kind 'L'"),
+        (png(filtered(VALUES, 0), 5, 7, colour=2), "kind 'RGB'"),
         (png(filtered(VALUES, 0), 5, 7, interlaced=1), "interlaced"),
         (png(filtered(VALUES, 0), 100_000, 7), "at most 8192"),
-        (png(filtered(VALUES, 0) + 9, 5, 7), "row filter 9"),
+        (png(filtered(VALUES, 0) + 9, 5, 7), "unrecognized data"),
         (png(filtered(VALUES, 0), 5, 7).replace(b"IDAT", b"IDAx", 1), "checksum"),
+        (png(filtered(VALUES, 0), 5, 7)[:-20], "cannot be read as PNG"),
+        (png(filtered(VALUES, 0), 5, 7).replace(b"IDAT", b"IDAT\x99", 1), "cannot be read as PNG"),
     ],
 )
 def test_what_is_no_depth_map_is_refused_with_the_reason(tmp_path, content, reason):
