@@ -29,7 +29,6 @@ from optsc.perception import (
 )
 from optsc.perception.known_objects import ObjectShape, Observation, grasps_of, shape_of
 from optsc.perception.scene_registration import RegisteredSegment, without_overlaps
-from optsc.perception.symmetry import nearest_equivalent
 from optsc.perception.table import find_table
 from optsc.robot import Gripper, load_robot
 from optsc.sampling.settings import AntipodalSettings
@@ -153,7 +152,7 @@ def _seen(name: str, one: RegisteredSegment, look: Observation, wanted: Wanted) 
     template = None if registration.refusal else by_name.get(registration.template or "")
     if template is not None and registration.X_WO is not None:
         # What looks the same either way is said to stand upright.
-        X_WO = nearest_equivalent(template, registration.X_WO, Pose.identity())
+        X_WO = template.nearest_equivalent(registration.X_WO, Pose.identity())
         registration = replace(registration, X_WO=X_WO)
     words, facts = _words(registration, segment), _facts(registration, segment)
     hidden = view_is_clear(segment.pixels, look.robot_depth, look.image)

@@ -12,6 +12,7 @@ from optsc.geometry import DepthImage, PointCloud, Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
 from optsc.perception.scoring import free_space
 from optsc.perception.templates import Template
+from optsc.sampling.surface import mesh_area
 
 SPACING = 0.0025
 """From one filled-in point to the next [m]: what grasps on clouds are looked for with."""
@@ -93,8 +94,7 @@ def even_points(mesh: TriangleMesh, spacing: float) -> tuple[Array, Array]:
     Raises:
         InvalidValue: more than 200000 points would be needed.
     """
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
-    area = float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    area = mesh_area(mesh)
     if area > _MOST * spacing**2:
         raise InvalidValue(
             "spacing", spacing, f"at least {np.sqrt(area / _MOST):.2g} m for at most {_MOST} points"

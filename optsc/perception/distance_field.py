@@ -1,4 +1,4 @@
-"""A template's signed distance on a grid: what makes hundreds of hypotheses of its pose cheap to score."""
+"""Signed distance field of a template on a grid: it makes hundreds of pose hypotheses cheap to score."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from optsc.errors import InvalidValue
 from optsc.geometry import TriangleMesh
 from optsc.geometry.rotation import Array
+from optsc.sampling.surface import face_crosses
 
 _SAMPLES_PER_CELL, _CANDIDATES = 4.0, 4
 _LARGEST = 4_000_000
@@ -80,7 +81,7 @@ def distance_field(
 def _face_samples(mesh: TriangleMesh, step: float, rng: np.random.Generator) -> tuple[Array, np.ndarray]:
     """Return points on the surface (N, 3) and the face of each (N,); every face has some."""
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = 0.5 * np.linalg.norm(face_crosses(mesh), axis=1)
     counts = np.ceil(_SAMPLES_PER_CELL * area / step**2).astype(int) + 3
     owner = np.repeat(np.arange(len(area)), counts)
     u, v = rng.random((2, len(owner)))
@@ -97,7 +98,7 @@ def _signed(mesh: TriangleMesh, points: Array, faces: np.ndarray) -> tuple[Array
     best = np.full(len(points), np.inf)
     closest, outwards = np.zeros_like(points), np.zeros_like(points)
     corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = face_crosses(mesh)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     for k in range(faces.shape[1]):
         touch = _closest_point(points, *np.moveaxis(corners[faces[:, k]], 1, 0))

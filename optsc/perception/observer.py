@@ -26,7 +26,6 @@ from optsc.perception.scene_registration import RegisteredSegment, register_scen
 from optsc.perception.scene_state import KnownObject, SceneEvent, SceneEventKind, SceneState
 from optsc.perception.segmentation import SegmentationSettings, segmented
 from optsc.perception.segments import Segment
-from optsc.perception.symmetry import nearest_equivalent
 from optsc.perception.templates import Template
 from optsc.perception.tracking import (
     ExpectedVisibility,
@@ -212,7 +211,7 @@ class SceneObserver:
             like = (
                 Pose.identity() if before is None else before.X_WO
             )  # what looks the same either way stands upright
-            registration = replace(registration, X_WO=nearest_equivalent(template, registration.X_WO, like))
+            registration = replace(registration, X_WO=template.nearest_equivalent(registration.X_WO, like))
         shape = shape_of(segment, registration, self.templates, look)
         name = before.name if before is not None else _new_name(memory, template)
         known = known_object(name, shape, template, segment, look.image)

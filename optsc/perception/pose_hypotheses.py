@@ -18,10 +18,14 @@ from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.perception.templates import Template
 
+_POINTS = 200  # of a template that are placed to see where they would show
+_WORTH_SHIFTING = 0.008  # [m]
+_RANSAC_RUNS, _RANSAC_TRIES, _RANSAC_CONFIDENCE = 4, 20_000, 0.999
+
 
 @dataclass(frozen=True, eq=False)
 class PoseHypotheses:
-    """PoseHypotheses X_WO of a pose: rotations (B, 3, 3) and positions (B, 3) [m]."""
+    """Poses X_WO that a template may have: rotations (B, 3, 3) and positions (B, 3) [m]."""
 
     R: Array
     t: Array
@@ -39,12 +43,15 @@ class PoseHypotheses:
 
     @classmethod
     def joined(cls, parts: Sequence[PoseHypotheses]) -> PoseHypotheses:
-        """Return the hypotheses of all ``parts``, in order."""
-        return cls(np.concatenate([p.R for p in parts]), np.concatenate([p.t for p in parts]))
+        """Return the hypotheses of all ``parts``, in order; there may be none."""
+        R, t = [np.zeros((0, 3, 3)), *(p.R for p in parts)], [np.zeros((0, 3)), *(p.t for p in parts)]
+        return cls(np.concatenate(R), np.concatenate(t))
 
     def pose(self, index: int) -> Pose:
         """Return one hypothesis as a pose."""
-        return Pose(rotation.from_matrix(orthonormal(self.R[index])), self.t[index])
+        # The nearest rotation: products of many rotations drift by rounding.
+        U, _, Vt = np.linalg.svd(self.R[index])
+        return Pose(rotation.from_matrix(U @ Vt), self.t[index])
 
     def to_object(self, points_W: Array) -> Array:
         """Return points (M, 3) of W in the frame O of every hypothesis (B, M, 3)."""
@@ -58,22 +65,6 @@ class PoseHypotheses:
         """Return the hypotheses turned by rotation vectors (B, 3) [rad] about ``pivot`` (3,) and shifted (B, 3) [m]."""
         Q = rotation.to_matrix(rotation.exp(turn))
         return PoseHypotheses(Q @ self.R, pivot + np.einsum("bij,bj->bi", Q, self.t - pivot) + shift)
-
-
-def orthonormal(R: Array) -> Array:
-    """Return the nearest rotations (..., 3, 3): products of many rotations drift by rounding."""
-    U, _, Vt = np.linalg.svd(R)
-    return U @ Vt
-
-
-def yaws(count: int) -> Array:
-    """Return rotations about z (count, 3, 3) by equal parts of a full turn."""
-    angle = 2.0 * np.pi * np.arange(count) / count
-    return rotation.to_matrix(rotation.exp(angle[:, None] * np.array([0.0, 0.0, 1.0])))
-
-
-_POINTS = 200
-_WORTH_SHIFTING = 0.008  # [m]
 
 
 def resting_starts(
@@ -99,15 +90,13 @@ def resting_starts(
     parts = []
     for R, z in zip(rest[tall], height[tall], strict=True):
         upright = abs(R[2, 2]) > 1.0 - 1e-6
-        number = 1 if template.round and upright else count
-        if upright and template.symmetry > 1:
-            number = max(count // template.symmetry, 1)
-        turned = yaws(number)
-        if upright and template.symmetry > 1:
-            turned = yaws(number * template.symmetry)[:number]
-        parts.append(_placed(turned @ R, template, points, eye, table_height + z))
-    if not parts:
-        return PoseHypotheses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        if upright and template.round:
+            yaws = _yaws(1)
+        else:
+            order = template.symmetry if upright else 1
+            number = max(count // order, 1)
+            yaws = _yaws(number * order)[:number]
+        parts.append(_placed(yaws @ R, template, points, eye, table_height + z))
     return PoseHypotheses.joined(parts)
 
 
@@ -122,11 +111,11 @@ def free_starts(
 def _placed(R: Array, template: Template, points: Array, eye: Array, z: float | None) -> PoseHypotheses:
     """Return hypotheses with rotations (B, 3, 3), each at one to nine positions; ``z`` of O is given or follows too."""
     seen = points.mean(axis=0)
-    look = seen - eye
-    look /= np.linalg.norm(look)
-    axes = _horizontal(look)
+    sight = seen - eye
+    sight /= np.linalg.norm(sight)
+    axes = _horizontal(sight)
     shape = template.points[:_POINTS] @ R.swapaxes(1, 2)
-    facing = np.clip(-(template.normals[:_POINTS] @ R.swapaxes(1, 2)) @ look, 0.0, None)
+    facing = np.clip(-(template.normals[:_POINTS] @ R.swapaxes(1, 2)) @ sight, 0.0, None)
     centre = (facing[..., None] * shape).sum(axis=1) / np.maximum(facing.sum(axis=1), 1e-9)[:, None]
     base = seen - centre
     if z is not None:
@@ -150,20 +139,18 @@ def _placed(R: Array, template: Template, points: Array, eye: Array, z: float | 
     return PoseHypotheses.joined(found)
 
 
-def _horizontal(look: Array) -> Array:
-    """Return two horizontal unit vectors (2, 3): across the line of sight, and along it."""
-    across = np.cross(look, [0.0, 0.0, 1.0])
+def _horizontal(sight: Array) -> Array:
+    """Return two horizontal unit vectors (2, 3): across a line of sight, and along it."""
+    across = np.cross(sight, [0.0, 0.0, 1.0])
     length = np.linalg.norm(across)
     across = across / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
     return np.stack([across, np.cross([0.0, 0.0, 1.0], across)])
 
 
-def pose_starts(X_WO: Pose) -> PoseHypotheses:
-    """Return a batch of poses that somebody else proposes, such as the last known ones, as starts."""
-    return PoseHypotheses.of(X_WO)
-
-
-_RUNS, _TRIES, _CONFIDENCE = 4, 20_000, 0.999
+def _yaws(count: int) -> Array:
+    """Return rotations about z (count, 3, 3) by equal parts of a full turn."""
+    angle = 2.0 * np.pi * np.arange(count) / count
+    return rotation.to_matrix(rotation.exp(angle[:, None] * np.array([0.0, 0.0, 1.0])))
 
 
 def feature_starts(template: Template, points: Array, voxel: float, seed: int = 0) -> PoseHypotheses:
@@ -183,11 +170,11 @@ def feature_starts(template: Template, points: Array, voxel: float, seed: int = 
     source, source_features = _described(o3d, np.array(template.points), voxel)
     target, target_features = _described(o3d, np.array(points), voxel)
     if len(target.points) < 10:
-        return PoseHypotheses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        return PoseHypotheses.joined([])
     pipeline = o3d.pipelines.registration
     found = []
-    for run in range(_RUNS):
-        o3d.utility.random.seed(seed * _RUNS + run)
+    for run in range(_RANSAC_RUNS):
+        o3d.utility.random.seed(seed * _RANSAC_RUNS + run)
         result = pipeline.registration_ransac_based_on_feature_matching(
             target,
             source,
@@ -201,7 +188,7 @@ def feature_starts(template: Template, points: Array, voxel: float, seed: int = 
                 pipeline.CorrespondenceCheckerBasedOnEdgeLength(0.85),
                 pipeline.CorrespondenceCheckerBasedOnDistance(2.0 * voxel),
             ],
-            pipeline.RANSACConvergenceCriteria(_TRIES, _CONFIDENCE),
+            pipeline.RANSACConvergenceCriteria(_RANSAC_TRIES, _RANSAC_CONFIDENCE),
         )
         found.append(np.linalg.inv(np.asarray(result.transformation)))
     M = np.stack(found)

@@ -17,14 +17,18 @@ from optsc.perception.pose_hypotheses import PoseHypotheses
 from optsc.perception.templates import Template
 
 PLANAR = (0, 1, 5)
-"""Shift along x and y and turn about z: how a thing moves that keeps resting on the table."""
+"""Shift along x and y and turn about z: how an object moves that keeps resting on the table."""
 FREE = (0, 1, 2, 3, 4, 5)
 """All of position and rotation."""
 
+Method = Literal["gicp", "plane", "field"]
+
 _LONGEST_SHIFT, _LARGEST_TURN = 0.02, 0.35  # [m], [rad] of one step
+_NEIGHBOURS = 10
+_FIELD_REACHES = (1.0, 1.0, 0.8, 0.8, 0.6, 0.6)
 
 
-def aligned(
+def align(
     hypotheses: PoseHypotheses,
     points: Array,
     field: DistanceField,
@@ -51,15 +55,13 @@ def aligned(
         H, b = normal_equations(hypotheses, points, field, reach, pivot)
         H, b = H[:, index][:, :, index], b[:, index]
         damping = 1e-3 * np.trace(H, axis1=1, axis2=2)[:, None, None] / len(index) * np.eye(len(index))
-        scale = np.where(
-            np.array(index) < 3, 1.0, 0.05
-        )  # so that damping means the same to a turn and to a shift
+        # So that damping means the same to a turn and to a shift.
+        scale = np.where(np.array(index) < 3, 1.0, 0.05)
         step = np.linalg.solve(H + damping * scale**2 + 1e-12 * np.eye(len(index)), b[..., None])[..., 0]
         whole = np.zeros((len(hypotheses), 6))
         whole[:, index] = step
-        hypotheses = hypotheses.moved(
-            _limited(whole[:, 3:], _LARGEST_TURN), _limited(whole[:, :3], _LONGEST_SHIFT), pivot
-        )
+        turn, shift = _limited(whole[:, 3:], _LARGEST_TURN), _limited(whole[:, :3], _LONGEST_SHIFT)
+        hypotheses = hypotheses.moved(turn, shift, pivot)
     return hypotheses
 
 
@@ -83,14 +85,8 @@ def _limited(vector: Array, longest: float) -> Array:
 if TYPE_CHECKING:
     from small_gicp import KdTree, PointCloud
 
-Method = Literal["gicp", "plane", "field"]
-METHODS: tuple[Method, ...] = ("field", "gicp", "plane")
 
-_NEIGHBOURS = 10
-_FIELD_REACHES = (1.0, 1.0, 0.8, 0.8, 0.6, 0.6)
-
-
-def refined(
+def refine(
     hypotheses: PoseHypotheses,
     points: Array,
     template: Template,
@@ -111,7 +107,7 @@ def refined(
         iterations: at most, of small_gicp.
     """
     if method == "field":
-        return aligned(
+        return align(
             hypotheses, points, template.field, tuple(reach * r for r in _FIELD_REACHES), freedom=FREE
         )
     import small_gicp
@@ -151,8 +147,8 @@ def covariance(
 ) -> Array:
     """Return the covariance (6, 6) of a pose: shift of O's origin [m], then turn [rad], both along W's axes.
 
-    With H the Hessian of half the sum of squared distances, each counted by the variance s^2 of a distance:
-    (H / s^2 + P)^-1, where P stands for what is known without looking: that the position is good to `footprint` and
+    With H the Hessian of half the sum of squared distances, each divided by the variance s^2 of a distance:
+    (H / s^2 + P)^-1, where P stands for what is known before the fit: that the position is good to `footprint` and
     that a turn is not further off than half a turn. So what the view does not settle has a large variance instead of
     none; what a template's continuous symmetry leaves open, such as the turn of a can, is taken out of H.
 
@@ -166,7 +162,7 @@ def covariance(
     """
     H, _ = normal_equations(hypothesis, points, template.field, tolerance, hypothesis.t[0])
     if template.round:
-        # The facets of a round thing and the noise of its gradients must not pass for knowledge of its turn.
+        # The facets of a round shape and the noise of its gradients must not pass for knowledge of its turn.
         axis = np.concatenate([np.zeros(3), hypothesis.R[0, :, 2]])
         blind = np.eye(6) - np.outer(axis, axis)
         H = blind @ H @ blind

@@ -1,33 +1,27 @@
-"""Which template, and where: from the points of one segment to a pose, an ambiguity or a refusal with its reason."""
+"""Registration of one segment: which template it is and at which pose, an ambiguity, or a refusal with its reason."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from optsc.checks import AtLeast, Checked, NonNegative, Positive, Share
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, Pose
 from optsc.geometry.rotation import Array
-from optsc.perception.pose_hypotheses import PoseHypotheses, feature_starts
+from optsc.perception.pose_hypotheses import feature_starts
 from optsc.perception.refinement import covariance
 from optsc.perception.scoring import free_space, shape_distance, visible_fraction
-from optsc.perception.search import (
-    RankedHypotheses,
-    SearchSettings,
-    SegmentEvidence,
-    averaged,
-    free_candidates,
-    resting_candidates,
-)
+from optsc.perception.search import PoseSearch, RankedHypotheses, SearchSettings, voxel_means
 from optsc.perception.segments import Segment
 from optsc.perception.templates import Template
 
 
 @dataclass(frozen=True)
-class RegistrationSettings:
+class RegistrationSettings(Checked):
     """When a pose is accepted, and when it is called ambiguous.
 
     Attributes:
@@ -43,29 +37,14 @@ class RegistrationSettings:
     """
 
     search: SearchSettings = field(default_factory=SearchSettings)
-    least_points: int = 15
-    least_inliers: float = 0.85
-    largest_residual: float = 0.002
-    largest_violations: float = 0.06
-    margin: float = 0.02
-    margin_of_few: float = 0.25
-    through: float = 0.008
-    noise: float = 0.0005
-
-    def __post_init__(self) -> None:
-        for name in ("least_inliers", "largest_violations"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidValue(f"RegistrationSettings.{name}", getattr(self, name), "0 to 1")
-        for name in ("largest_residual", "through", "noise"):
-            if not 0.0 < getattr(self, name) < float("inf"):
-                raise InvalidValue(
-                    f"RegistrationSettings.{name}", getattr(self, name), "finite, more than 0 m"
-                )
-        for name in ("margin", "margin_of_few"):
-            if not 0.0 <= getattr(self, name) < float("inf"):
-                raise InvalidValue(f"RegistrationSettings.{name}", getattr(self, name), "finite, at least 0")
-        if self.least_points < 6:
-            raise InvalidValue("RegistrationSettings.least_points", self.least_points, "at least 6")
+    least_points: Annotated[int, AtLeast(6)] = 15
+    least_inliers: Annotated[float, Share] = 0.85
+    largest_residual: Annotated[float, Positive] = 0.002
+    largest_violations: Annotated[float, Share] = 0.06
+    margin: Annotated[float, NonNegative] = 0.02
+    margin_of_few: Annotated[float, NonNegative] = 0.25
+    through: Annotated[float, Positive] = 0.008
+    noise: Annotated[float, Positive] = 0.0005
 
 
 class Alternative(NamedTuple):
@@ -150,21 +129,21 @@ def register(
     few = _too_few(segment.cloud.points, settings)
     if few:
         return Registration.refused(few)
-    points = averaged(segment.cloud.points, settings.search, rng)
+    points = voxel_means(segment.cloud.points, settings.search, rng)
     if len(points) < settings.least_points:
         return Registration.refused(
             f"too few points: {len(points)} cubes of {1e3 * settings.search.voxel:.0f} mm were seen, "
             f"{settings.least_points} are needed"
         )
     space = free_space(image, robot_depth, tolerance=settings.through)
-    view = SegmentEvidence(points, space, image.X_WC.translation, table_height)
-    extra = (
-        _feature_starts(templates, segment.cloud.points, settings, seed) if settings.search.features else None
-    )
-    found = resting_candidates(templates, view, settings.search, extra)
-    if not any(_refusal(c, settings) == "" for c in found):
-        found += free_candidates(templates, view, settings.search, rng, found)
-    return _decided(found, view, settings)
+    search = PoseSearch(points, space, image.X_WC.translation, table_height, settings.search)
+    voxel, extra = settings.search.voxel, {}
+    if settings.search.features:
+        extra = {t.name: feature_starts(t, segment.cloud.points, voxel, seed) for t in templates}
+    found = search.resting(templates, extra)
+    if all(_refusal(ranked, settings) for ranked in found):
+        found += search.free(templates, rng, found)
+    return _decided(found, search, settings)
 
 
 def _too_few(points: Array, settings: RegistrationSettings) -> str:
@@ -174,15 +153,9 @@ def _too_few(points: Array, settings: RegistrationSettings) -> str:
     return "" if size < 5.0 else f"the points spread over {size:.1f} m, which is no object on a table"
 
 
-def _feature_starts(
-    templates: Sequence[Template], points: Array, settings: RegistrationSettings, seed: int
-) -> dict[str, PoseHypotheses]:
-    return {t.name: feature_starts(t, points, settings.search.voxel, seed) for t in templates}
-
-
-def _refusal(candidates: RankedHypotheses, settings: RegistrationSettings, index: int = 0) -> str:
-    """Return why a candidate cannot be accepted; empty if it can."""
-    f = candidates.fit[index]
+def _refusal(ranked: RankedHypotheses, settings: RegistrationSettings, index: int = 0) -> str:
+    """Return why a hypothesis cannot be accepted; empty if it can."""
+    f = ranked.fit[index]
     if f.inliers < settings.least_inliers:
         least = 100 * settings.least_inliers
         return f"only {100 * f.inliers:.0f} % of the seen points are on it ({least:.0f} % needed)"
@@ -197,42 +170,42 @@ def _refusal(candidates: RankedHypotheses, settings: RegistrationSettings, index
 
 
 def _decided(
-    found: Sequence[RankedHypotheses], view: SegmentEvidence, settings: RegistrationSettings
+    found: Sequence[RankedHypotheses], search: PoseSearch, settings: RegistrationSettings
 ) -> Registration:
-    """Return the best candidate with its alternatives, or why it is refused."""
+    """Return the best hypothesis with its alternatives, or why it is refused."""
     if not found:
         return Registration.refused("no template is as tall as what was seen")
-    every = [(c, i) for c in found for i in range(len(c.hypotheses))]
+    every = [(ranked, i) for ranked in found for i in range(len(ranked.hypotheses))]
     every.sort(key=lambda entry: -entry[0].fit.score[entry[1]])
-    (best, index), search = every[0], settings.search
-    hypothesis, f = best.hypotheses[[index]], best.fit[index]
+    best, index = every[0]
+    pose, f, template = best.hypotheses[[index]], best.fit[index], best.template
     reason = _refusal(best, settings, index)
     if reason:
-        reason = f"no template fits; the best, {best.template.name}: {reason}"
-    margin = settings.margin + settings.margin_of_few / np.sqrt(len(view.points))
-    alternatives: list[tuple[RankedHypotheses, int]] = []
-    for other, i in every[1:]:
-        if other.fit.score[i] < f.score - margin:
+        reason = f"no template fits; the best, {template.name}: {reason}"
+    margin = settings.margin + settings.margin_of_few / np.sqrt(len(search.points))
+    distinct = every[:1]
+    for entry in every[1:]:
+        if entry[0].fit.score[entry[1]] < f.score - margin:
             break
-        known = [(best, index), *alternatives]
-        if all(_differ(other, i, c, k, search.distinct) for c, k in known):
-            alternatives.append((other, i))
-    noise = settings.noise
-    C = covariance(hypothesis, view.points, best.template, search.tolerance, noise, best.template.diameter)
+        if all(_differ(*entry, *other, settings.search.distinct) for other in distinct):
+            distinct.append(entry)
+    C = covariance(
+        pose, search.points, template, settings.search.tolerance, settings.noise, template.diameter
+    )
     return Registration(
-        best.template.name,
-        hypothesis.pose(0),
-        float(f.residual),
-        float(f.inliers),
-        float(f.violations),
-        visible_fraction(best.template, hypothesis, view.space),
-        C,
-        float(f.score),
-        bool(alternatives) and not reason,
-        tuple(
-            Alternative(c.template.name, c.hypotheses.pose(i), float(c.fit.score[i])) for c, i in alternatives
+        template=template.name,
+        X_WO=pose.pose(0),
+        residual=float(f.residual),
+        inliers=float(f.inliers),
+        violations=float(f.violations),
+        visible_fraction=visible_fraction(template, pose, search.space),
+        covariance=C,
+        score=float(f.score),
+        ambiguous=len(distinct) > 1 and not reason,
+        alternatives=tuple(
+            Alternative(r.template.name, r.hypotheses.pose(i), float(r.fit.score[i])) for r, i in distinct[1:]
         ),
-        reason,
+        refusal=reason,
     )
 
 

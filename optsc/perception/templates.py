@@ -1,20 +1,27 @@
-"""What the camera's view is compared with: known shapes, and everything about them that can be computed beforehand."""
+"""Object templates: known shapes that a camera's view is compared with, and what is computed of them beforehand."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 
 from optsc.cache import Arrays, computed_once, content_key
 from optsc.errors import DamagedFile, InvalidValue
-from optsc.geometry import Pose, TriangleMesh
+from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
 from optsc.perception.distance_field import DistanceField, distance_field
-from optsc.perception.resting import CONTINUOUS, resting_poses, vertical_symmetry
+from optsc.perception.resting import (
+    CONTINUOUS,
+    box_symmetries,
+    resting_poses,
+    turned_least,
+    vertical_symmetry,
+)
+from optsc.sampling.surface import is_closed, mesh_area
 
 LARGEST, SMALLEST = 2.0, 0.005
 """A template's longest edge has to lie between these [m]; beyond them its unit is suspected."""
@@ -65,7 +72,22 @@ class Template:
     @property
     def spacing(self) -> float:
         """How far `points` lie apart, about [m]: the edge of the square that each stands for."""
-        return float(np.sqrt(_area(self.mesh) / len(self.points)))
+        return float(np.sqrt(mesh_area(self.mesh) / len(self.points)))
+
+    @cached_property
+    def symmetries(self) -> Pose:
+        """The turns X_OS (K,) of `box_symmetries` that map the shape onto itself, none at all first."""
+        return box_symmetries(self.points, self.field)
+
+    def nearest_equivalent(self, X_WO: Pose, X_before: Pose) -> Pose:
+        """Return, of the poses in which the shape looks the same as at X_WO, the one turned least from X_before.
+
+        Without it a can that is put down elsewhere might be said to stand on its head.
+        """
+        same = [X_WO @ X for X in self.symmetries]
+        if self.round:
+            same = [turned_least(X, X_before) for X in same]
+        return min(same, key=lambda X: float(rotation.angle(X.quaternion, X_before.quaternion)))
 
 
 def template_from_mesh(
@@ -119,7 +141,7 @@ def _computed(mesh: TriangleMesh, count: int, symmetry_tolerance: float, seed: i
     field = distance_field(mesh, rng, step=max(0.003, float(mesh.extents.max()) / 120.0))
     points, normals = _spread(*mesh.sample(rng, 8 * count), count)
     symmetry = vertical_symmetry(points, field, symmetry_tolerance)
-    resting, _ = resting_poses(mesh, symmetry)
+    resting = resting_poses(mesh, symmetry)
     return {
         "points": points,
         "normals": normals,
@@ -201,8 +223,6 @@ def _check_size(name: str, mesh: TriangleMesh) -> None:
 
 
 def _check_volume(name: str, mesh: TriangleMesh) -> None:
-    from optsc.sampling.surface import is_closed
-
     valid = (
         "above 1 mm^3: a closed surface that encloses something, faces counter-clockwise seen from outside"
     )
@@ -215,11 +235,6 @@ def _check_volume(name: str, mesh: TriangleMesh) -> None:
             raise InvalidValue(f"volume of template {name}", volume, valid)
     else:
         resting_poses(mesh, 1)  # raises where even the hull is flat
-
-
-def _area(mesh: TriangleMesh) -> float:
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def _spread(points: Array, normals: Array, count: int) -> tuple[Array, Array]:

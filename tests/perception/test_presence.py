@@ -9,7 +9,6 @@ from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, PointCloud, Pose
 from optsc.perception import ExpectedVisibility, Explanation, KnownObject, Segment, catalogue_template
 from optsc.perception.segments import segment_from_pixels
-from optsc.perception.symmetry import nearest_equivalent, symmetries
 from optsc.perception.tracking import presence, presence_at, share_shown
 
 CAMERA = PinholeCamera.from_field_of_view(80, 60, 0.8)
@@ -105,10 +104,10 @@ def test_a_shape_that_looks_the_same_is_taken_to_have_moved_least():
     rng = np.random.default_rng(0)
     for name, count in (("can", 8), ("box", 4), ("mug", 1)):
         template = catalogue_template(name)
-        same = symmetries(template)
+        same = template.symmetries
         assert len(same) == count
         np.testing.assert_allclose(same[0].matrix(), np.eye(4), atol=1e-9)
         before = Pose.from_rotation_vector(rng.normal(size=3), rng.normal(size=3))
         found = before @ same[-1]
-        found = nearest_equivalent(template, found, before)
+        found = template.nearest_equivalent(found, before)
         np.testing.assert_allclose(found.matrix(), before.matrix(), atol=1e-6)
