@@ -21,6 +21,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from optsc.people.motor import SimulatedHand
+from optsc.people.parameters import HumanParameters
 
 import optsc
 from benchmarks.machine import markdown_table, save
@@ -28,7 +30,6 @@ from optsc.demo.demonstration import load_or_build
 from optsc.demo.episode import clearance
 from optsc.geometry import Pose, rotation
 from optsc.operators import HandRecording
-from optsc.people.human_motion import Hand, HumanParameters
 from optsc.selection import Cascade, Hysteresis, ManipulabilityLoss, OrientationDistance, PositionDistance
 from optsc.sim import tabletop
 
@@ -96,7 +97,7 @@ def hands(recording: HandRecording, rng: np.random.Generator, seconds: float) ->
         cycle = [*there, *there[-2:0:-1]]
         yield "still", [cycle[k % len(cycle)] for k in range(count)]
     human = HumanParameters()
-    hand = Hand(rng, Pose.identity(), human)
+    hand = SimulatedHand(rng, Pose.identity(), human)
     samples = [hand.advance(None, k / human.sample_rate) for k in range(int(seconds * human.sample_rate))]
     yield "simulated", [samples[int(k * human.sample_rate / RATE)] for k in range(count)]
     first = int(rng.integers(0, len(recording.time) - count))

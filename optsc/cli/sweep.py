@@ -45,7 +45,7 @@ class _Help(argparse.Action):
 
 
 def _names() -> list[tuple[str, list[str]]]:
-    from optsc.people.people import TYPES
+    from optsc.people.parameters import TYPES
     from optsc.robot import ROBOT_NAMES
     from optsc.robot.manipulability import DEFINITIONS
     from optsc.study.scenes import LEVELS

@@ -20,7 +20,7 @@ from optsc.demo.sight import Sight
 from optsc.errors import InvalidValue
 from optsc.grasps import GraspLibrary
 from optsc.metrics import limit_violations
-from optsc.people.simulated import Reach
+from optsc.people.parameters import Intention
 from optsc.records import Tick
 from optsc.robot import Gripper, RobotModel
 from optsc.sampling import build_library
@@ -59,12 +59,12 @@ class Demo:
         return tuple(sorted(self.setting.world.objects))
 
 
-def plans(object_names: Sequence[str]) -> dict[str, tuple[Reach, ...]]:
+def plans(object_names: Sequence[str]) -> dict[str, tuple[Intention, ...]]:
     """Return the operator's plan for each object: straight to it, but for one where the mind changes on the way."""
     names = sorted(object_names)
-    result: dict[str, tuple[Reach, ...]] = {name: (Reach(name),) for name in names}
+    result: dict[str, tuple[Intention, ...]] = {name: (Intention(name),) for name in names}
     if len(names) > 1:
-        result[names[1]] = (Reach(names[0], then_take_over_after=TAKE_OVER_AFTER), Reach(names[1]))
+        result[names[1]] = (Intention(names[0], then_take_over_after=TAKE_OVER_AFTER), Intention(names[1]))
     return result
 
 

@@ -18,7 +18,8 @@ from optsc.geometry import Pose
 from optsc.grasps import GraspLibrary
 from optsc.metrics import log_dimensionless_jerk, path_length, rotation_path, sparc, switch_jump
 from optsc.operators import ClutchSettings
-from optsc.people.simulated import R_WS_DEFAULT, Reach, Simulated
+from optsc.people.parameters import Intention
+from optsc.people.simulated import R_WS_DEFAULT, Simulated
 from optsc.records import Run, SceneUpdate, Tick
 from optsc.robot.collision import CollisionModel
 from optsc.robot.manipulability import Manipulability
@@ -146,7 +147,7 @@ def clearance(world: Tabletop) -> GraspClearance:
 def run_episode(
     setting: Setting,
     strategy: Strategy,
-    plan: Sequence[Reach],
+    plan: Sequence[Intention],
     follower: Follower,
     on_tick: Callable[[Tick], None] | None = None,
     sight: Sight | None = None,

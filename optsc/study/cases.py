@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from optsc.errors import InvalidValue
-from optsc.people.people import TYPES
+from optsc.people.parameters import TYPES
 from optsc.sim import ObjectModel
 from optsc.study.arms import Arm
 from optsc.study.conditions import Condition, OperatorSpec

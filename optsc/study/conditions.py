@@ -9,7 +9,7 @@ from typing import Any
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.operators import Operator
-from optsc.people.people import operator_type
+from optsc.people import Simulated, operator_type
 from optsc.robot.manipulability import DEFINITIONS, Manipulability
 from optsc.selection import Cascade, Rule
 from optsc.study.fingerprint import Plain, fingerprint, plain
@@ -39,7 +39,7 @@ class OperatorSpec:
 
     def operator(self, goal: str, objects: Collection[str], *, by_hand: bool = False) -> Operator:
         """Return a person who wants ``goal`` of ``objects``, fresh for one run."""
-        return operator_type(self.kind).operator(goal, objects, seed=self.seed, by_hand=by_hand)
+        return Simulated.of_type(self.kind, goal, objects, seed=self.seed, by_hand=by_hand)
 
     def describe(self) -> Plain:
         """Return everything that determines the person, habits in full."""

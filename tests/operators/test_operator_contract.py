@@ -5,7 +5,7 @@ import pytest
 from optsc.geometry import Pose
 from optsc.operators import HandRecording, Mailbox, OperatorSample, Recorded
 from optsc.operators.live_hand import LiveHand
-from optsc.people import TYPES
+from optsc.people import TYPES, Simulated
 from optsc.testing import OperatorContract
 from optsc.testing.loop import StraightOperator
 
@@ -20,7 +20,7 @@ class TestSimulated(OperatorContract):
         self.by_hand = request.param
 
     def make_operator(self):
-        return self.kind.operator("can", self.objects, seed=3, by_hand=self.by_hand)
+        return Simulated.of_type(self.kind, "can", self.objects, seed=3, by_hand=self.by_hand)
 
 
 class TestRecorded(OperatorContract):

@@ -6,11 +6,9 @@ from math import radians
 from pathlib import Path
 
 import pytest
+from optsc.people.parameters import TYPES, AimParameters, HumanParameters
 
-from optsc.people import person
-from optsc.people.aiming import AimParameters
-from optsc.people.human_motion import HumanParameters
-from optsc.people.people import TYPES
+from optsc.people import decision
 
 PAGE = (Path(__file__).parents[2] / "docs" / "operators.md").read_text()
 
@@ -65,9 +63,9 @@ def test_what_looks_at_rest_and_what_helps_is_as_told():
     rest = re.search(r"slower than ([\d.]+) m/s and ([\d.]+) deg/s over ([\d.]+) s", PAGE).groups()
     speed, turn, window = map(float, rest)
     assert (speed, radians(turn), window) == pytest.approx(
-        (person._REST_SPEED, person._REST_TURN, person._REST_WINDOW)
+        (decision._REST_SPEED, decision._REST_TURN, decision._REST_WINDOW)
     )
-    assert f"leaves more than {person._HELPS} of the error" in PAGE.replace("\n", " ")
+    assert f"leaves more than {decision._HELPS} of the error" in PAGE.replace("\n", " ")
 
 
 def test_the_tremor_is_as_strong_as_told():

@@ -6,9 +6,8 @@ import pytest
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.operators.sample import OperatorView
-from optsc.people.human_motion import HumanParameters
-from optsc.people.people import TYPES, operator_type
-from optsc.people.simulated import R_WS_DEFAULT, Reach, Simulated
+from optsc.people.parameters import TYPES, HumanParameters, Intention, operator_type
+from optsc.people.simulated import R_WS_DEFAULT, Simulated
 
 START = Pose.from_quaternion([0.0, 1.0, 0.0, 0.0], [0.35, 0.0, 0.45])
 OBJECTS = {
@@ -61,7 +60,7 @@ class Scene:
 
 def test_who_grasps_by_hand_closes_the_jaws_at_the_grasp_that_is_shown():
     for seed in range(4):
-        scene = Scene(Simulated(seed, [Reach("can")], by_hand=True)).play(14.0)
+        scene = Scene(Simulated(seed, [Intention("can")], by_hand=True)).play(14.0)
         human = HumanParameters()
         assert scene.presses
         off = scene.tools[0].translation - GRASPS["can"].translation
@@ -75,7 +74,7 @@ def test_who_grasps_by_hand_closes_the_jaws_at_the_grasp_that_is_shown():
 
 def test_who_grasps_by_hand_goes_by_way_of_the_pregrasp():
     quiet = HumanParameters(motor_noise=0.0, drift=0.0, tremor=0.0, tracker_noise=0.0)
-    operator = Simulated(1, [Reach("can")], human=quiet, by_hand=True)
+    operator = Simulated(1, [Intention("can")], human=quiet, by_hand=True)
     scene = Scene(operator)
     seen = []
     read = operator.read
@@ -91,18 +90,18 @@ def test_who_grasps_by_hand_goes_by_way_of_the_pregrasp():
 
 
 def test_a_tool_that_is_helped_along_is_led_to_the_grasp_all_the_same():
-    scene = Scene(Simulated(2, [Reach("can")], by_hand=True), assistance=[0.0, 0.002, -0.002]).play(16.0)
+    scene = Scene(Simulated(2, [Intention("can")], by_hand=True), assistance=[0.0, 0.002, -0.002]).play(16.0)
     assert np.linalg.norm(scene.tools[0].translation - GRASPS["can"].translation) < 0.02
 
 
 def test_the_robot_is_left_alone_when_it_begins_by_itself_for_the_right_object():
-    scene = Scene(Simulated(0, [Reach("can")]), robot_goes_for="can", begins_at=0.5).play(4.0)
+    scene = Scene(Simulated(0, [Intention("can")]), robot_goes_for="can", begins_at=0.5).play(4.0)
     assert scene.presses == []
 
 
 @pytest.mark.parametrize("begins_at", [0.5, np.inf])
 def test_a_robot_that_goes_for_another_object_is_stopped_and_shown_the_right_one(begins_at):
-    scene = Scene(Simulated(0, [Reach("can")]), robot_goes_for="mug", begins_at=begins_at)
+    scene = Scene(Simulated(0, [Intention("can")]), robot_goes_for="mug", begins_at=begins_at)
     scene.play(12.0)
     first = begins_at if begins_at < np.inf else scene.presses[0]
     taken_over = scene.presses[0] if begins_at < np.inf else scene.presses[1]
@@ -115,14 +114,18 @@ def test_a_robot_that_goes_for_another_object_is_stopped_and_shown_the_right_one
 
 def test_the_hand_trembles_alike_whatever_the_person_decides():
     rest = HumanParameters(initial_rest=100.0)
-    a = Scene(Simulated(5, [Reach("can")], human=rest)).play(1.0).X_SH.translation
-    b = Scene(Simulated(5, [Reach("mug"), Reach("can")], human=rest, by_hand=True)).play(1.0).X_SH.translation
+    a = Scene(Simulated(5, [Intention("can")], human=rest)).play(1.0).X_SH.translation
+    b = (
+        Scene(Simulated(5, [Intention("mug"), Intention("can")], human=rest, by_hand=True))
+        .play(1.0)
+        .X_SH.translation
+    )
     np.testing.assert_allclose(a - a[0], b - b[0], atol=1e-12)
 
 
 def test_every_type_brings_its_tool_to_the_wanted_object():
     for kind in TYPES.values():
-        scene = Scene(kind.operator("can", OBJECTS, seed=3)).play(8.0)
+        scene = Scene(Simulated.of_type(kind, "can", OBJECTS, seed=3)).play(8.0)
         assert scene.presses, kind.name
         near = [np.linalg.norm(tool.translation - OBJECTS["can"].translation) < 0.35 for tool in scene.tools]
         assert any(near), kind.name
@@ -130,7 +133,7 @@ def test_every_type_brings_its_tool_to_the_wanted_object():
 
 def mean_time(kind, seeds=range(8)):
     return np.mean(
-        [Scene(operator_type(kind).operator("can", OBJECTS, seed=s)).play(8.0).presses[0] for s in seeds]
+        [Scene(Simulated.of_type(kind, "can", OBJECTS, seed=s)).play(8.0).presses[0] for s in seeds]
     )
 
 
@@ -140,7 +143,7 @@ def test_the_hasty_hand_over_sooner_than_the_typical_and_the_patient_later():
 
 def test_the_biased_leave_the_tool_off_by_what_they_misjudge():
     def offset(kind, seed):
-        operator = operator_type(kind).operator("can", OBJECTS, seed=seed, by_hand=True)
+        operator = Simulated.of_type(kind, "can", OBJECTS, seed=seed, by_hand=True)
         return Scene(operator).play(14.0).tools[0].translation - GRASPS["can"].translation
 
     biased = np.linalg.norm([offset("biased", s) for s in range(4)], axis=1)
@@ -150,10 +153,10 @@ def test_the_biased_leave_the_tool_off_by_what_they_misjudge():
 def test_the_mind_changing_go_for_another_object_first_the_same_one_for_the_same_seed():
     kind = operator_type("mind-changing")
     plans = [kind.plan("can", OBJECTS, seed) for seed in range(10)]
-    assert all(len(plan) == 2 and plan[0].object != "can" and plan[1] == Reach("can") for plan in plans)
+    assert all(len(plan) == 2 and plan[0].object != "can" and plan[1] == Intention("can") for plan in plans)
     assert plans == [kind.plan("can", OBJECTS, seed) for seed in range(10)]
     assert len({plan[0].object for plan in plans}) == 2
-    assert kind.plan("can", {"can": OBJECTS["can"]}, 0) == (Reach("can"),)
+    assert kind.plan("can", {"can": OBJECTS["can"]}, 0) == (Intention("can"),)
 
 
 def test_what_is_not_there_is_refused():
@@ -172,7 +175,7 @@ def test_what_is_not_there_is_refused():
 
 def test_who_was_helped_to_the_grasp_closes_the_jaws_there_without_insisting_on_the_way():
     """A tool that glides to the grasp by itself, as under strong assistance, whatever the hand does."""
-    operator = Simulated(1, [Reach("can")], by_hand=True)
+    operator = Simulated(1, [Intention("can")], by_hand=True)
     pressed = None
     for tick in range(round(12.0 * 90)):
         time = tick / 90
@@ -186,7 +189,7 @@ def test_who_was_helped_to_the_grasp_closes_the_jaws_there_without_insisting_on_
 
 
 def test_after_the_robot_was_halted_the_person_lets_go_and_takes_hold_again():
-    operator = Simulated(0, [Reach("can")], human=HumanParameters(corrections=0, attempts=0))
+    operator = Simulated(0, [Intention("can")], human=HumanParameters(corrections=0, attempts=0))
     clutches, automatic, began = [], False, None
     for tick in range(round(8.0 * 90)):
         time = tick / 90

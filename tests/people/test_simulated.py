@@ -3,13 +3,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from optsc.people.motor import BandNoise, Movement, WanderingNoise, minimum_jerk
+from optsc.people.parameters import AimParameters, HumanParameters, Intention
+from optsc.people.ready_pose import Aim
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.operators.sample import OperatorView
-from optsc.people.aiming import Aim, AimParameters
-from optsc.people.human_motion import BandNoise, HumanParameters, Movement, WanderingNoise, minimum_jerk
-from optsc.people.simulated import R_WS_DEFAULT, Reach, Simulated
+from optsc.people.simulated import R_WS_DEFAULT, Simulated
 
 X_WT_START = Pose.from_quaternion([0.0, 1.0, 0.0, 0.0], [0.35, 0.0, 0.45])
 OBJECTS = {
@@ -120,7 +121,7 @@ def test_the_hand_rests_before_its_first_movement():
 @pytest.mark.parametrize("seed", range(6))
 def test_the_trigger_is_pressed_at_a_pose_a_person_would_like(seed):
     human, aims = HumanParameters(), AimParameters()
-    trial = act_out(Simulated(seed=seed, plan=[Reach("can")]), 6.0)
+    trial = act_out(Simulated(seed=seed, plan=[Intention("can")]), 6.0)
     tool = trial.X_WT[0]
     to_middle = OBJECTS["can"].apply([0.0, 0.0, aims.middle]) - tool.translation
     distance = np.linalg.norm(to_middle)
@@ -157,7 +158,7 @@ def test_resting_hands_tremble_and_drift_by_less_than_a_centimetre():
 
 
 def test_a_planned_take_over_comes_when_planned_and_leads_to_the_next_object():
-    plan = [Reach("can", then_take_over_after=0.8), Reach("mug")]
+    plan = [Intention("can", then_take_over_after=0.8), Intention("mug")]
     trial = act_out(Simulated(seed=3, plan=plan), 9.0)
     assert len(trial.presses) == 3
     assert trial.presses[1] - trial.presses[0] == pytest.approx(0.8, abs=2 / 90)
@@ -167,14 +168,14 @@ def test_a_planned_take_over_comes_when_planned_and_leads_to_the_next_object():
 
 
 def test_a_take_over_before_the_first_press_has_ended_waits_until_the_trigger_was_released():
-    trial = act_out(Simulated(seed=3, plan=[Reach("can", 0.01), Reach("mug")]), 4.5)
+    trial = act_out(Simulated(seed=3, plan=[Intention("can", 0.01), Intention("mug")]), 4.5)
     assert len(trial.presses) == 2
     between = (trial.stamps > trial.presses[0]) & (trial.stamps < trial.presses[1])
     assert np.count_nonzero(~trial.trigger[between]) >= 5
 
 
 def test_after_the_last_planned_take_over_the_hand_rests():
-    trial = act_out(Simulated(seed=3, plan=[Reach("can", 0.5)], human=STEADY), 9.0)
+    trial = act_out(Simulated(seed=3, plan=[Intention("can", 0.5)], human=STEADY), 9.0)
     assert len(trial.presses) == 2
     rest = trial.X_SH.translation[trial.stamps > trial.presses[1]]
     assert np.ptp(rest, axis=0).max() < 1e-12
@@ -182,7 +183,7 @@ def test_after_the_last_planned_take_over_the_hand_rests():
 
 @pytest.mark.parametrize("robot", [{"robot_works_for": 0.6}, {"robot_starts": False}])
 def test_when_the_robot_gives_up_or_never_starts_the_person_aims_anew_and_triggers_again(robot):
-    trial = act_out(Simulated(seed=6, plan=[Reach("can")]), 7.5, **robot)
+    trial = act_out(Simulated(seed=6, plan=[Intention("can")]), 7.5, **robot)
     assert len(trial.presses) >= 2
     lost = trial.presses[0] + robot.get("robot_works_for", HumanParameters().retrigger)
     assert trial.presses[1] - lost >= HumanParameters().retrigger - 0.02
@@ -196,7 +197,9 @@ def test_a_miss_is_seen_and_corrected():
     worst = {}
     for corrections in (0, 6):
         human = HumanParameters(motor_noise=0.4, corrections=corrections, attempts=0)
-        trials = [act_out(Simulated(seed, [Reach("can")], human=human, aims=aims), 9.0) for seed in range(4)]
+        trials = [
+            act_out(Simulated(seed, [Intention("can")], human=human, aims=aims), 9.0) for seed in range(4)
+        ]
         worst[corrections] = max(np.linalg.norm(t.X_WT[0].translation - goal.translation) for t in trials)
     # What drifts and trembles after the last look comes on top of the tolerance.
     assert worst[6] <= human.position_tolerance + 0.008 < worst[0]
@@ -260,7 +263,7 @@ def test_wandering_noise_has_the_amplitude_and_the_memory_it_is_given():
 
 
 def test_an_object_that_is_hidden_is_remembered():
-    operator = Simulated(seed=0, plan=[Reach("can")], human=STEADY)
+    operator = Simulated(seed=0, plan=[Intention("can")], human=STEADY)
     operator.read(OperatorView(0.0, X_WT_START, False, False, OBJECTS))
     samples = [operator.read(OperatorView(k / 90, X_WT_START, False, False, {})) for k in range(1, 200)]
     assert np.linalg.norm(samples[-1].X_SH.translation - samples[0].X_SH.translation) > 0.1
@@ -269,7 +272,7 @@ def test_an_object_that_is_hidden_is_remembered():
 def test_an_object_that_is_not_there_is_refused_at_the_first_view():
     view = OperatorView(0.0, X_WT_START, False, False, OBJECTS)
     with pytest.raises(UnknownName, match="can, mug"):
-        Simulated(seed=0, plan=[Reach("drill")]).read(view)
+        Simulated(seed=0, plan=[Intention("drill")]).read(view)
     with pytest.raises(InvalidValue, match="at least one object"):
         Simulated(seed=0).read(view._replace(objects={}))
 
@@ -279,8 +282,8 @@ def test_an_object_that_is_not_there_is_refused_at_the_first_view():
     [
         lambda: Simulated(seed=0, plan=[]),
         lambda: Simulated(seed=0, R_WS=[1.0, 1.0, 0.0, 0.0]),
-        lambda: Reach("can", then_take_over_after=0.0),
-        lambda: Reach("can", then_take_over_after=float("nan")),
+        lambda: Intention("can", then_take_over_after=0.0),
+        lambda: Intention("can", then_take_over_after=float("nan")),
         lambda: HumanParameters(sample_rate=0.0),
         lambda: HumanParameters(tremor=-1.0),
         lambda: HumanParameters(drift=float("nan")),
@@ -304,7 +307,7 @@ def test_a_person_tries_another_side_where_the_arm_does_not_get_to():
         return OperatorView(k / 500.0, tool, False, False, OBJECTS)
 
     human = HumanParameters(corrections=1, attempts=2, patience=0.3)
-    operator = Simulated(0, [Reach("can")], human=human)
+    operator = Simulated(0, [Intention("can")], human=human)
     pressed = []
     for k in range(500 * 20):
         sample = operator.read(stuck_view(k))

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from optsc.people.parameters import Intention
 
 from optsc.control.modes import Mode
 from optsc.demo.demonstration import Demo, load_or_build, plans, run_demo, save, summary, table
 from optsc.demo.episode import PAPER, STRATEGIES, Setting, run_episode
-from optsc.people.simulated import Reach
 from optsc.robot import load_robot
 from optsc.sim import tabletop
 from optsc.sim.follower import PyBulletFollower
@@ -84,7 +84,7 @@ def test_operators_of_one_seed_move_alike_until_the_robot_takes_over(demo):
 def test_the_same_seed_gives_the_same_motion_to_the_byte(demo):
     setting = demo.setting
     with PyBulletFollower(setting.world) as follower:
-        again = run_episode(setting, PAPER, (Reach("box"),), follower)
+        again = run_episode(setting, PAPER, (Intention("box"),), follower)
     assert again.run.commands.tobytes() == demo.episodes["paper", "box"].run.commands.tobytes()
 
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from optsc.people.parameters import Intention
 
 from optsc.control.modes import Event, Mode
 from optsc.demo.episode import PAPER, Setting, build_controller
@@ -11,7 +12,7 @@ from optsc.demo.seen import seen_facts, true_names
 from optsc.demo.sight import Sight
 from optsc.followers import IdealFollower
 from optsc.geometry import PinholeCamera, Pose
-from optsc.people.simulated import R_WS_DEFAULT, Reach, Simulated
+from optsc.people.simulated import R_WS_DEFAULT, Simulated
 from optsc.perception import ObserverSettings, SceneEventKind
 from optsc.records import RunInputs
 from optsc.robot import load_robot
@@ -78,7 +79,7 @@ def watched(controller, sight, follower, operator, duration, **options):
 
 
 def reaching():
-    return Simulated(seed=0, plan=(Reach("can"),), R_WS=R_WS_DEFAULT)
+    return Simulated(seed=0, plan=(Intention("can"),), R_WS=R_WS_DEFAULT)
 
 
 THERE = Pose.from_translation([0.42, 0.05, 0.0])

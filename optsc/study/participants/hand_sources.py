@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.operators import HandRecording, Operator, Recorded
-from optsc.people.people import TYPES
+from optsc.people.parameters import TYPES
 from optsc.study.conditions import OperatorSpec
 from optsc.study.loading import load_named
 from optsc.study.participants.design import PlannedTrial

@@ -1,4 +1,4 @@
-"""What a simulated person has in mind, does and sees, sample by sample."""
+"""Decisions of a simulated operator: what the person intends, sees and does, sample by sample."""
 
 from __future__ import annotations
 
@@ -7,35 +7,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
 from math import radians
-from typing import Protocol
 
 import numpy as np
 
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.operators.sample import OperatorView
-from optsc.people.aiming import Aim, AimParameters, adjust_aim, draw_aim
-from optsc.people.human_motion import Hand, HumanParameters, Movement
+from optsc.people.motor import Movement, SimulatedHand
+from optsc.people.parameters import AimParameters, HumanParameters, Intention
+from optsc.people.ready_pose import Aim, adjust_aim, draw_aim
 
 _REST_SPEED, _REST_TURN, _REST_WINDOW = 0.03, radians(15.0), 0.1
-"""A tool slower than this over this window looks at rest [m/s], [rad/s], [s]; ours."""
+"""A tool slower than this over this window looks at rest [m/s], [rad/s], [s]; tuned here."""
 
 _HELPS = 0.8
-"""A correction that leaves more than this share of the error did not help [-]; ours."""
-
-
-class Intention(Protocol):
-    """One thing to do: an object to bring the tool to, and when to take over from the robot again, if at all."""
-
-    @property
-    def object(self) -> str:
-        """Name of the object."""
-        ...
-
-    @property
-    def then_take_over_after(self) -> float | None:
-        """How long after the trigger [s]; None for not at all."""
-        ...
+"""A correction that leaves more than this share of the error did not help [-]; tuned here."""
 
 
 class Phase(Enum):
@@ -56,7 +42,7 @@ _UNAIDED = (Phase.REST, Phase.MOVE, Phase.WATCH, Phase.DWELL)
 """What the person is about before the robot moves by itself."""
 
 
-class Person:
+class SimulatedPerson:
     """A person at work on a plan; see `optsc.people.Simulated`."""
 
     def __init__(
@@ -74,12 +60,12 @@ class Person:
         self._plan, self._human, self._aims, self._by_hand = plan, human, aims, by_hand
         self._R_SW = rotation.conjugate(R_WS)
         self._misjudged = _misjudgement(self._rng, human)
-        self._hand = Hand(noise, self._first_pose(view.X_WT), human)
+        self._hand = SimulatedHand(noise, self._first_pose(view.X_WT), human)
         self._known = dict(view.objects)
         self._seen: deque[tuple[float, Pose]] = deque()
         self.phase, self._since = Phase.REST, view.time
-        self._reach = 0
-        self._aim = self._fresh_aim(view)
+        self._current = 0
+        self._aim = self._new_aim(view)
         self._X_OG: Pose | None = None
         self._at_pregrasp = False
         self._wrong_since: float | None = None
@@ -98,9 +84,9 @@ class Person:
         at = np.array(self._human.hand_start) + self._rng.uniform(-0.05, 0.05, 3)
         return Pose(q / np.linalg.norm(q), at)
 
-    def live(self, time: float, view: OperatorView) -> tuple[Pose, bool, bool]:
-        """Live through one sample period up to ``time``: return the reported hand, the clutch and the trigger."""
-        self._look(time, view)
+    def step(self, time: float, view: OperatorView) -> tuple[Pose, bool, bool]:
+        """Go through one sample period up to ``time``: return the reported hand, the clutch and the trigger."""
+        self._observe(time, view)
         if view.finished:
             self._enter(Phase.DONE, time)
         else:
@@ -112,7 +98,7 @@ class Person:
         X_SH = self._hand.advance(self._movement, time)
         return X_SH, time >= self._let_go_until, self.phase in (Phase.HAND_OVER, Phase.TAKE_OVER)
 
-    def _look(self, time: float, view: OperatorView) -> None:
+    def _observe(self, time: float, view: OperatorView) -> None:
         # An object that is hidden for a while is remembered where it was.
         self._known.update(view.objects)
         self._seen.append((time, view.X_WT))
@@ -127,7 +113,7 @@ class Person:
             case Phase.REST if in_phase >= self._human.initial_rest:
                 self._reach_out(time, view, self._aim)
             case Phase.MOVE if self._movement is None or time >= self._movement.end:
-                # The last piece of the movement is still carried out in this period.
+                # The last piece of the movement is still executed in this period.
                 self.phase, self._since = Phase.WATCH, time
             case Phase.WATCH:
                 self._movement = None
@@ -149,7 +135,7 @@ class Person:
             self.phase, self._since, self._movement = phase, time, None
 
     def _watch(self, time: float, waited: float, view: OperatorView) -> None:
-        """Correct the hand until the tool is seen where it is wanted; where the arm cannot get there, aim anew."""
+        """Correct the hand until the tool is seen where it is wanted; where the arm cannot get there, aim again."""
         if waited < self._human.reaction:
             return
         X_WT, at_rest = self._perceived(time)
@@ -169,14 +155,14 @@ class Person:
             self._arrived(time, view, X_WT)
         elif spent:
             self._attempts += 1
-            self._reach_out(time, view, self._fresh_aim(view))
+            self._reach_out(time, view, self._new_aim(view))
         else:
             self._corrections += 1
             self._last_error = error
             self._correct(time, X_WT)
 
     def _goes_along(self, view: OperatorView, X_WT: Pose) -> bool:
-        """Tell whether the person is content with where the tool is on the way, and take to the grasp shown there.
+        """Tell whether the person is content with where the tool is, and take to the grasp shown there.
 
         Whoever grasps by hand reaches out for the object, and corrects the tool to a grasp, not to a ready pose.
         Whoever is helped on towards another grasp takes that, and does not insist on the pre-grasp.
@@ -196,8 +182,8 @@ class Person:
             return
         if self._X_OG is not None:
             self._at_pregrasp = True
-        elif self._reach + 1 < len(self._plan):
-            self._next_reach(time, view)
+        elif self._current + 1 < len(self._plan):
+            self._next_intention(time, view)
             return
         else:
             X_WG = view.grasps.get(self._target())
@@ -215,7 +201,7 @@ class Person:
         self._move(time, wanted.translation - X_WT.translation, rotation.rotate(self._R_SW, error))
 
     def _supervise(self, time: float, view: OperatorView) -> None:
-        after = self._plan[self._reach].then_take_over_after
+        after = self._plan[self._current].then_take_over_after
         if view.automatic:
             # A trigger is let go of for as long as it is pressed, or the second press would not be one.
             released = self._since + self._human.press
@@ -227,9 +213,9 @@ class Person:
         elif self._robot_began or time - self._triggered >= self._human.retrigger:
             self._trigger_not_before = time + self._human.retrigger
             # What the robot has refused is tried from another side; what it broke off, once more much the same.
-            aim = self._adjusted_aim(view) if self._robot_began else self._fresh_aim(view)
+            aim = self._adjusted_aim(view) if self._robot_began else self._new_aim(view)
             if self._robot_began:
-                # Whatever it was that halted the robot, letting go and taking hold again is the way out.
+                # Whatever halted the robot: letting go and taking hold again ends it.
                 self._let_go_until = time + self._human.press
             self._reach_out(time + self._human.reaction, view, aim)
 
@@ -248,18 +234,18 @@ class Person:
                 self._enter(Phase.TAKE_OVER, time)
         elif waited >= self._human.reaction:
             if self._wrong_since is None:
-                self._next_reach(time, view)
+                self._next_intention(time, view)
             else:
                 self._wrong_since = None
-                self._reach_out(time, view, self._fresh_aim(view))
+                self._reach_out(time, view, self._new_aim(view))
 
-    def _next_reach(self, time: float, view: OperatorView) -> None:
-        self._reach += 1
+    def _next_intention(self, time: float, view: OperatorView) -> None:
+        self._current += 1
         self._attempts = 0
-        if self._reach == len(self._plan):
+        if self._current == len(self._plan):
             self._enter(Phase.DONE, time)
         else:
-            self._reach_out(time, view, self._fresh_aim(view))
+            self._reach_out(time, view, self._new_aim(view))
 
     def _reach_out(self, start: float, view: OperatorView, aim: Aim) -> None:
         """Begin the primary movement: relative in position, absolute in orientation, as the mapping is."""
@@ -288,7 +274,7 @@ class Person:
         return seen, moved <= _REST_SPEED * (t1 - t0) and turned <= _REST_TURN * (t1 - t0)
 
     def _target(self) -> str:
-        return self._plan[self._reach].object
+        return self._plan[self._current].object
 
     def _wanted_pose(self) -> Pose:
         """Return where the tool is wanted now: the ready pose, or by hand the pre-grasp and then the grasp."""
@@ -305,7 +291,7 @@ class Person:
         position, angle = self._human.grasp_tolerance
         return replace(self._human, position_tolerance=position, rotation_tolerance=angle)
 
-    def _fresh_aim(self, view: OperatorView) -> Aim:
+    def _new_aim(self, view: OperatorView) -> Aim:
         others = [X for name, X in sorted(self._known.items()) if name != self._target()]
         return draw_aim(self._rng, self._known[self._target()], view.X_WT, others, self._aims)
 
@@ -320,7 +306,7 @@ def _nearness(X: Pose, Y: Pose) -> float:
 
 
 def _misjudgement(rng: np.random.Generator, human: HumanParameters) -> Pose:
-    """Return by how much the person sees the tool off its place: always the same way, as far as ``human`` says."""
+    """Return the constant offset with which the person sees the tool, of the size that ``human`` says."""
     if not any(human.misjudged):
         return Pose.identity()
     direction, axis = rng.standard_normal((2, 3))

@@ -1,58 +1,16 @@
-"""Where a person would like the tool before letting the robot take over: the ready pose."""
+"""Ready poses: where a person would like the tool before letting the robot take over."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import atan2, cos, pi, radians, sin
+from math import atan2, cos, pi, sin
 
 import numpy as np
 
-from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
-
-
-@dataclass(frozen=True)
-class AimParameters:
-    """The ready poses that a person likes; every value ours, after how people reach for things on a table.
-
-    Attributes:
-        elevation: range of the approach's angle above the horizontal [rad].
-        azimuth: greatest angle about the vertical between the approach and the direction from the robot's
-            base to the object [rad]: never from behind the object.
-        distance: range of the distance from the tool to the object's middle [m].
-        roll: greatest turn of the closing axis out of the horizontal, about the tool's z axis [rad].
-        middle: height of an object's middle over the centre of its base [m].
-        nearest: horizontal distance that the tool keeps from the robot's base, if it can [m].
-        clearance: distance that the tool keeps from the middles of other objects, if it can [m].
-        draws: how many ready poses are considered for it.
-        adjustment: how much of each range a renewed attempt may change [-].
-    """
-
-    elevation: tuple[float, float] = (radians(35.0), radians(90.0))
-    azimuth: float = radians(60.0)
-    distance: tuple[float, float] = (0.12, 0.20)
-    roll: float = radians(20.0)
-    middle: float = 0.05
-    nearest: float = 0.33
-    clearance: float = 0.14
-    draws: int = 12
-    adjustment: float = 0.15
-
-    def __post_init__(self) -> None:
-        for name, low, high in (("elevation", 0.0, 0.5 * pi), ("distance", 0.0, np.inf)):
-            a, b = getattr(self, name)
-            if not (low <= a <= b <= high and np.isfinite(b)):
-                raise InvalidValue(name, (a, b), f"lower, upper within {low} to {high}")
-        highest = {"azimuth": pi, "roll": pi, "nearest": np.inf, "clearance": np.inf, "adjustment": 1.0}
-        for name, high in highest.items():
-            if not 0.0 <= getattr(self, name) <= high:
-                raise InvalidValue(name, getattr(self, name), f"0 to {high}")
-        if not np.isfinite(self.middle):
-            raise InvalidValue("middle", self.middle, "finite [m]")
-        if self.draws < 1:
-            raise InvalidValue("draws", self.draws, "1 or more")
+from optsc.people.parameters import AimParameters
 
 
 @dataclass(frozen=True)
@@ -96,7 +54,7 @@ def draw_aim(
     """Return a ready pose for the object at ``X_WO``, as a person with the tool at ``X_WT`` would choose it.
 
     Of ``aims.draws`` random ones it is the first that keeps clear of the robot's base and of the ``others``, on the
-    way there and once there, or the clearest if none does; the jaws are taken the way round that needs less turning.
+    path there and once there, or the clearest if none does; of both equal turns of the jaws the nearer is taken.
     """
     middles = [X.apply([0.0, 0.0, aims.middle]) for X in others]
 
@@ -148,11 +106,11 @@ def _with_nearer_jaws(aim: Aim, X_WO: Pose, X_WT: Pose, aims: AimParameters) -> 
 
 
 def _clearance(X_WT: Pose, X_WR: Pose, middles: list[Array]) -> float:
-    """Return how near [m] the others' middles are to the way and to the gripper in its ready pose."""
+    """Return how near [m] the others' middles are to the path and to the gripper in its ready pose."""
     if not middles:
         return np.inf
-    # The first part of the way is left out: what stands beside the tool now is so for every ready pose.
-    way = X_WT.interpolate(X_WR, np.linspace(0.3, 1.0, 8)).translation
+    # The first part of the path is left out: what stands beside the tool now is so for every ready pose.
+    path = X_WT.interpolate(X_WR, np.linspace(0.3, 1.0, 8)).translation
     gripper = X_WR.apply(np.outer([0.0, -0.05, -0.10, -0.15], [0.0, 0.0, 1.0]))
-    points = np.concatenate([way, gripper])
+    points = np.concatenate([path, gripper])
     return float(np.min(np.linalg.norm(points[:, None] - np.array(middles), axis=-1)))
