@@ -21,8 +21,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from optsc.people.motor import SimulatedHand
-from optsc.people.parameters import HumanParameters
 
 import optsc
 from benchmarks.machine import markdown_table, save
@@ -30,6 +28,8 @@ from optsc.demo.demonstration import load_or_build
 from optsc.demo.episode import clearance
 from optsc.geometry import Pose, rotation
 from optsc.operators import HandRecording
+from optsc.people.motor import SimulatedHand
+from optsc.people.parameters import HumanParameters
 from optsc.selection import Cascade, Hysteresis, ManipulabilityLoss, OrientationDistance, PositionDistance
 from optsc.sim import tabletop
 

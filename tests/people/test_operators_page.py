@@ -6,9 +6,9 @@ from math import radians
 from pathlib import Path
 
 import pytest
-from optsc.people.parameters import TYPES, AimParameters, HumanParameters
 
 from optsc.people import decision
+from optsc.people.parameters import TYPES, AimParameters, HumanParameters
 
 PAGE = (Path(__file__).parents[2] / "docs" / "operators.md").read_text()
 

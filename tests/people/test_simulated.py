@@ -3,13 +3,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from optsc.people.motor import BandNoise, Movement, WanderingNoise, minimum_jerk
-from optsc.people.parameters import AimParameters, HumanParameters, Intention
-from optsc.people.ready_pose import Aim
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.operators.sample import OperatorView
+from optsc.people.motor import BandNoise, Movement, WanderingNoise, minimum_jerk
+from optsc.people.parameters import AimParameters, HumanParameters, Intention
+from optsc.people.ready_pose import Aim
 from optsc.people.simulated import R_WS_DEFAULT, Simulated
 
 X_WT_START = Pose.from_quaternion([0.0, 1.0, 0.0, 0.0], [0.35, 0.0, 0.45])

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from optsc.people.parameters import Intention
 
 from optsc.control.modes import Mode
 from optsc.demo.demonstration import Demo, load_or_build, plans, run_demo, save, summary, table
 from optsc.demo.episode import PAPER, STRATEGIES, Setting, run_episode
+from optsc.people.parameters import Intention
 from optsc.robot import load_robot
 from optsc.sim import tabletop
 from optsc.sim.follower import PyBulletFollower

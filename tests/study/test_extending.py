@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from optsc.people.parameters import TYPES
 
 import optsc.study.sweep
 from optsc.cli.cases import PEOPLE
@@ -15,6 +14,7 @@ from optsc.errors import DamagedFile, InvalidValue, Mismatch, UnknownName
 from optsc.geometry import Pose, TriangleMesh
 from optsc.grasps import GraspLibrary
 from optsc.ik.batch import solve_ik
+from optsc.people.parameters import TYPES
 from optsc.robot import PANDA_HAND, load_robot
 from optsc.sim import ObjectModel, object_model
 from optsc.study import (

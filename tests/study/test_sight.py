@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from optsc.people.parameters import Intention
 
 from optsc.control.modes import Event, Mode
 from optsc.demo.episode import PAPER, Setting, build_controller
@@ -12,6 +11,7 @@ from optsc.demo.seen import seen_facts, true_names
 from optsc.demo.sight import Sight
 from optsc.followers import IdealFollower
 from optsc.geometry import PinholeCamera, Pose
+from optsc.people.parameters import Intention
 from optsc.people.simulated import R_WS_DEFAULT, Simulated
 from optsc.perception import ObserverSettings, SceneEventKind
 from optsc.records import RunInputs
