@@ -173,7 +173,7 @@ def batch_time(robot: RobotModel, X_WT: Pose, seed: np.ndarray) -> float:
 def measure(name: str, count: int, seed: int) -> dict[str, Any]:
     """Return everything about one arm."""
     robot, rng = load_robot(name), np.random.default_rng(seed)
-    X_WT = robot.forward(robot.random_posture(rng, (count,)))
+    X_WT = robot.forward(robot.random_configuration(rng, (count,)))
     middle = np.mean(robot.limits.sampling, axis=0)
     contenders: list[Any] = [Optsc(robot, middle)]
     missing = None

@@ -6,7 +6,7 @@ import optsc
 
 robot = optsc.load_robot("ur5")
 rng = np.random.default_rng(0)
-poses = robot.forward(robot.random_posture(rng, (1000,)))
+poses = robot.forward(robot.random_configuration(rng, (1000,)))
 
 solutions = optsc.solve_ik(robot, poses, rng=rng)
 print(

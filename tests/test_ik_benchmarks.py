@@ -63,7 +63,7 @@ def test_all_costs_are_all_that_selection_exports():
 
 def test_a_posture_beyond_a_limit_or_off_its_pose_is_not_counted_as_solved():
     robot = load_robot("panda")
-    q = robot.random_posture(np.random.default_rng(0), (4,))
+    q = robot.random_configuration(np.random.default_rng(0), (4,))
     X_WT = robot.forward(q)
     given = q.copy()
     given[1, 0] += 1e-3

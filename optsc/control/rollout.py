@@ -14,7 +14,7 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.grasps import Candidates
 from optsc.robot import RobotModel
-from optsc.robot.ways import walk_straight
+from optsc.robot.rollout import straight_line_rollout
 from optsc.selection import Target
 from optsc.selection.reach import ClearRows
 
@@ -90,7 +90,7 @@ def outlook(
     legs: list[Array] = []
     speed = 0.0
     for here, there in pairwise(whole_way(settings, X_WT, target.X_WP, target.X_WG)):
-        walk = walk_straight(
+        rollout = straight_line_rollout(
             robot,
             q if not legs else legs[-1][-1],
             here,
@@ -98,10 +98,10 @@ def outlook(
             speed=settings.speed,
             angular_speed=settings.angular_speed,
         )
-        if not walk.gone[0]:
+        if not rollout.completed[0]:
             return Outlook.SHUT
-        legs.append(walk.postures[0, : int(walk.steps[0])])
-        speed = max(speed, float(walk.speed[0]))
+        legs.append(rollout.configurations[0, : int(rollout.steps[0])])
+        speed = max(speed, float(rollout.speed[0]))
     good = Outlook.FREE if speed <= BRISK else Outlook.BRISK
     if clear is None:
         return good
@@ -136,7 +136,7 @@ def which_can_travel(
     begin = Pose(np.tile(start.quaternion, (len(gone), 1)), np.tile(start.translation, (len(gone), 1)))
     for here, there in pairwise([begin, *waypoints]):
         rows = np.flatnonzero(gone)
-        walk = walk_straight(
+        rollout = straight_line_rollout(
             robot,
             postures[rows],
             here[rows],
@@ -144,5 +144,5 @@ def which_can_travel(
             speed=settings.speed,
             angular_speed=settings.angular_speed,
         )
-        gone[rows], postures[rows] = walk.gone, walk.q
+        gone[rows], postures[rows] = rollout.completed, rollout.q
     return gone

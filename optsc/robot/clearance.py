@@ -131,7 +131,7 @@ def ends_over_table(robot: RobotModel) -> list[tuple[int, int]]:
 
 def _samples(robot: RobotModel) -> Array:
     """Return home and random postures (1 + `SAMPLES`, n)."""
-    return np.vstack([robot.home, robot.random_posture(np.random.default_rng(0), (SAMPLES,))])
+    return np.vstack([robot.home, robot.random_configuration(np.random.default_rng(0), (SAMPLES,))])
 
 
 def _sampled(robot: RobotModel, capsules: LinkCapsules, pairs: Sequence[tuple[int, int]]) -> Array:

@@ -9,7 +9,7 @@ from optsc.kernels.chain import kinematics
 from optsc.kernels.clearance import BOX, clearance
 from optsc.kernels.comparison import KernelComparison, compare
 from optsc.kernels.manipulability import penalised_product
-from optsc.kernels.rollout import walk
+from optsc.kernels.rollout import rollout
 from optsc.kernels.search import STARTS, search
 from optsc.robot.capsules import link_capsules
 from optsc.robot.clearance import ends_over_table, self_pairs
@@ -25,10 +25,13 @@ def compare_kernels(robot: RobotModel, rng: np.random.Generator) -> tuple[Kernel
     near = clearance(robot.chain, link_capsules(robot), hulls, pairs.telling, pairs.close, over, 4)
 
     def posture(rng: np.random.Generator) -> list[Array | float]:
-        return [robot.random_posture(rng)]
+        return [robot.random_configuration(rng)]
 
     def pose_to_reach(rng: np.random.Generator) -> list[Array | float]:
-        X_WT, starts = robot.forward(robot.random_posture(rng)), robot.random_posture(rng, (STARTS,)).T
+        X_WT, starts = (
+            robot.forward(robot.random_configuration(rng)),
+            robot.random_configuration(rng, (STARTS,)).T,
+        )
         best = np.concatenate([robot.home, [np.inf, 0.0, 0.0]])
         target = np.concatenate([X_WT.quaternion, X_WT.translation, [1e-5]])
         return [best, target, robot.home, starts, 2.0, limits, limits]
@@ -41,17 +44,17 @@ def compare_kernels(robot: RobotModel, rng: np.random.Generator) -> tuple[Kernel
     def scene(rng: np.random.Generator) -> list[Array | float]:
         boxes = np.tile(np.concatenate([np.eye(3).ravel(), np.zeros(3), np.full(3, 0.05)])[:, None], 4)
         boxes[9:12] = rng.uniform(-0.6, 0.6, (3, 4))
-        return [robot.random_posture(rng), 0.2, 0.0, boxes.reshape(BOX, 4)]
+        return [robot.random_configuration(rng), 0.2, 0.0, boxes.reshape(BOX, 4)]
 
     return (
         compare("kinematics and Jacobian", kinematics(robot.chain), posture, rng),
         compare(
             "penalised manipulability",
             penalised_product(robot.chain, robot.limits.positions, "tsai"),
-            lambda rng: [robot.random_posture(rng), 5.0],
+            lambda rng: [robot.random_configuration(rng), 5.0],
             rng,
         ),
         compare("inverse kinematics, two starts", search(robot.chain), pose_to_reach, rng),
-        compare(f"straight way of {n} joints, 20 steps", walk(robot.chain), line, rng),
+        compare(f"straight line of {n} joints, 20 steps", rollout(robot.chain), line, rng),
         compare("clearance", near, scene, rng),
     )

@@ -212,7 +212,7 @@ def _relevant(
     kernel = build_kernel(distance_rows(robot.chain, robot.limits.rates, capsules, pairs, ends, 0))
     kernel.inputs[1][:], kernel.inputs[2][:] = -EVERYTHING, EVERYTHING
     kernel.inputs[3][:] = 0.0, table_height or 0.0, 1.0, 1.0, 0.1, 0.1
-    postures = [robot.home, *robot.random_posture(np.random.default_rng(0), (SAMPLES,))]
+    postures = [robot.home, *robot.random_configuration(np.random.default_rng(0), (SAMPLES,))]
     distance = np.array([_distances_at(kernel, q) for q in postures])
     keeps = np.minimum(margin, SPARE_AT_HOME * distance[0])
     kept = (distance[0] > 0.0) & (np.ptp(distance, axis=0) > TRAVEL)

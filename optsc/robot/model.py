@@ -100,7 +100,7 @@ class RobotModel:
             self.model, self._data, self.checked(q), self.tip_id, pinocchio.LOCAL_WORLD_ALIGNED
         )
 
-    def random_posture(self, rng: np.random.Generator, shape: tuple[int, ...] = ()) -> Array:
+    def random_configuration(self, rng: np.random.Generator, shape: tuple[int, ...] = ()) -> Array:
         """Return postures (*shape, n), uniform within the position limits."""
         lower, upper = self.limits.sampling
         return rng.uniform(lower, upper, size=(*shape, self.n))

@@ -13,7 +13,7 @@ from optsc.geometry.rotation import Array
 
 if TYPE_CHECKING:
     from optsc.robot import RobotModel
-    from optsc.robot.ways import Walk
+    from optsc.robot.rollout import StraightLineRollout
 
 TO_PREGRASP, TO_GRASP = 6, 2
 """Postures that are looked at on the two parts of the way."""
@@ -59,35 +59,37 @@ class StraightMotion:
 
         The grasp lies ``standoff`` [m] ahead of the pre-grasp along the approach axis.
         """
-        from optsc.robot.ways import walk_forwards
+        from optsc.robot.rollout import forward_rollout
 
-        walk = walk_forwards(
+        rollout = forward_rollout(
             self.robot, q_pregrasp, X_WP, standoff, speed=self.speed, angular_speed=self.angular_speed
         )
-        return walk.q, walk.gone
+        return rollout.q, rollout.completed
 
     def travel(self, q: Array, X_WP: Pose, X_WG: Pose) -> Travel:
         """Return the ways from postures ``q`` (R, n) by the pre-grasps to the grasps (R,)."""
         start = self.robot.forward(q[:1]) if np.all(q == q[0]) else self.robot.forward(q)
-        first = self._walk(q, start, X_WP)
+        first = self._rollout(q, start, X_WP)
         postures = np.repeat(first.q[:, None], TO_PREGRASP + TO_GRASP, axis=1)
         postures[:, :TO_PREGRASP] = _spread(first, TO_PREGRASP)
-        gone, speed = first.gone.copy(), first.speed.copy()
+        gone, speed = first.completed.copy(), first.speed.copy()
         rows = np.flatnonzero(gone)
-        last = self._walk(first.q[rows], X_WP[rows], X_WG[rows])
+        last = self._rollout(first.q[rows], X_WP[rows], X_WG[rows])
         postures[rows, TO_PREGRASP:] = _spread(last, TO_GRASP)
-        gone[rows], speed[rows] = last.gone, np.maximum(speed[rows], last.speed)
+        gone[rows], speed[rows] = last.completed, np.maximum(speed[rows], last.speed)
         return Travel(gone, speed, postures, np.arange(TO_PREGRASP + TO_GRASP) >= TO_PREGRASP)
 
-    def _walk(self, q: Array, start: Pose, end: Pose) -> Walk:
-        from optsc.robot.ways import walk_straight
+    def _rollout(self, q: Array, start: Pose, end: Pose) -> StraightLineRollout:
+        from optsc.robot.rollout import straight_line_rollout
 
-        return walk_straight(self.robot, q, start, end, speed=self.speed, angular_speed=self.angular_speed)
+        return straight_line_rollout(
+            self.robot, q, start, end, speed=self.speed, angular_speed=self.angular_speed
+        )
 
 
-def _spread(walk: Walk, count: int) -> Array:
+def _spread(rollout: StraightLineRollout, count: int) -> Array:
     """Return ``count`` postures (R, count, n) of each way, the last one that was reached among them."""
     share = np.arange(1, count + 1) / count
-    index = np.maximum(np.ceil(share * walk.steps[:, None]).astype(np.int64) - 1, 0)
+    index = np.maximum(np.ceil(share * rollout.steps[:, None]).astype(np.int64) - 1, 0)
     # Where not a single step was gone, the first entry repeats where the arm stands.
-    return np.take_along_axis(walk.postures, index[:, :, None], axis=1)
+    return np.take_along_axis(rollout.configurations, index[:, :, None], axis=1)

@@ -180,7 +180,7 @@ def _pressing(rng: np.random.Generator, servo: Servo, X: Pose) -> Iterator[Input
     """Poses that need a joint beyond its limit, approached at full speed and with a tremor."""
     robot = servo.robot
     lower, upper = robot.limits.sampling
-    q = np.clip(robot.random_posture(rng) + rng.normal(size=robot.n), lower - OUTSIDE, upper + OUTSIDE)
+    q = np.clip(robot.random_configuration(rng) + rng.normal(size=robot.n), lower - OUTSIDE, upper + OUTSIDE)
     goal = robot.forward(q)
     while True:
         yield Pose(goal.quaternion, goal.translation + 1e-3 * rng.normal(size=3)), None
@@ -222,7 +222,7 @@ class _Start(NamedTuple):
 
 
 def _start(rng: np.random.Generator, robot: RobotModel) -> _Start:
-    q, v, kind = robot.random_posture(rng), np.zeros(robot.n), rng.random()
+    q, v, kind = robot.random_configuration(rng), np.zeros(robot.n), rng.random()
     lower, upper = robot.limits.sampling
     if kind < 0.2:
         q = q + rng.uniform(-1.0, 1.0, robot.n) * np.where(

@@ -52,7 +52,7 @@ KINDS = ["jumps", "not a number", "a clock that stands still", "a clock that run
 def test_every_tick_returns_a_command_within_all_limits_and_a_status_for_every_input(name, rate, seed, kind):
     robot, rng = load_robot(name), np.random.default_rng(seed)
     servo = Servo(robot, rate)
-    servo.reset(robot.random_posture(rng))
+    servo.reset(robot.random_configuration(rng))
     X, commands = servo.X_WT, []
     for _ in range(250):
         commands.append(

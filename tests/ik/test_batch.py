@@ -38,7 +38,7 @@ SLIDING_ARM = """
 
 def reachable(robot, count, seed=0):
     """Poses of random postures, and the postures."""
-    q = robot.random_posture(np.random.default_rng(seed), (count,))
+    q = robot.random_configuration(np.random.default_rng(seed), (count,))
     return robot.forward(q), q
 
 
@@ -90,7 +90,7 @@ def test_a_pose_that_the_seed_reaches_is_solved_by_the_seed_itself():
 
 
 def test_a_nearby_pose_is_solved_by_a_nearby_posture():
-    seeds = PANDA.random_posture(np.random.default_rng(1), (200,))
+    seeds = PANDA.random_configuration(np.random.default_rng(1), (200,))
     goals = PANDA.limits.clip(seeds + np.random.default_rng(2).uniform(-0.02, 0.02, seeds.shape))
     solutions = solve_ik(PANDA, PANDA.forward(goals), seeds=seeds)
     assert np.all(solutions.success)
@@ -100,7 +100,7 @@ def test_a_nearby_pose_is_solved_by_a_nearby_posture():
 
 def test_joints_that_can_turn_fully_end_within_half_a_turn_of_their_seed():
     X_WT, _ = reachable(UR5, 200)
-    seeds = UR5.random_posture(np.random.default_rng(3), (200,))
+    seeds = UR5.random_configuration(np.random.default_rng(3), (200,))
     solutions = solve_ik(UR5, X_WT, seeds=seeds)
     assert inside(UR5, solutions.q)
     turn = np.abs(solutions.q - seeds)
@@ -141,7 +141,7 @@ def test_a_pose_is_solved_alike_alone_and_among_others():
 
 @pytest.mark.parametrize("shape", [(), (0,), (1,), (2, 3)])
 def test_results_have_the_batch_shape_of_the_poses(shape):
-    q = PANDA.random_posture(np.random.default_rng(7), shape)
+    q = PANDA.random_configuration(np.random.default_rng(7), shape)
     X_WT = Pose.identity(shape) if 0 in shape else PANDA.forward(q)
     solutions = solve_ik(PANDA, X_WT, seeds=q)
     assert solutions.q.shape == (*shape, 7)
@@ -196,7 +196,7 @@ def test_poses_behind_the_limits_are_told_from_poses_that_no_posture_has():
     limits = {"lower": UR5.limits.lower.copy(), "upper": UR5.limits.upper.copy()}
     limits["lower"][2], limits["upper"][2] = 0.3, 1.2
     tight = load_robot("ur5", limits=limits, home=[0.0, -1.5, 0.8, -1.5, -1.5, 0.0])
-    q = UR5.random_posture(np.random.default_rng(12), (20,))
+    q = UR5.random_configuration(np.random.default_rng(12), (20,))
     q[:, 2] = 2.0
     behind = solve_ik(tight, UR5.forward(q))
     assert behind.reason.tolist() == ["joint limits"] * 20

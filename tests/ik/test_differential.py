@@ -55,7 +55,7 @@ def test_the_cost_equals_its_formula(name):
     settings = CALM(position_weight=(1.0, 2.0, 0.5), orientation_weight=(0.3, 0.1, 0.0))
     ik = DifferentialIK(robot, PERIOD, settings)
     for _ in range(10):
-        q, posture = robot.random_posture(rng), robot.random_posture(rng)
+        q, posture = robot.random_configuration(rng), robot.random_configuration(rng)
         reference, twist = robot.forward(q + 0.05 * rng.normal(size=robot.n)), rng.normal(size=6)
         ik.prefer(posture)
         H, g, error = expected_cost(robot, settings, q, reference, twist, posture)
@@ -169,7 +169,7 @@ def test_the_smoothness_task_equals_its_formula(period):
     robot, rng = load_robot("iiwa"), np.random.default_rng(3)
     settings = IkSettings(smoothing=5e-3)
     plain, smooth = (DifferentialIK(robot, period, s) for s in (replace(settings, smoothing=0.0), settings))
-    q, v, a = robot.random_posture(rng), rng.normal(size=7), rng.normal(size=7)
+    q, v, a = robot.random_configuration(rng), rng.normal(size=7), rng.normal(size=7)
     target, twist = row(robot.forward(q + 0.01)), rng.normal(size=6)
     z = np.exp(-period / 5e-3)
     w, share = 0.0625 * (2 * z - z * z) / (1 - z) ** 2, z / (2 - z)

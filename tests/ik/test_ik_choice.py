@@ -18,7 +18,7 @@ ROLL_FREE = [TIGHT] * 5 + [np.inf]
 
 
 def reachable(robot, count, seed=0):
-    q = robot.random_posture(np.random.default_rng(seed), (count,))
+    q = robot.random_configuration(np.random.default_rng(seed), (count,))
     return robot.forward(q), q
 
 
@@ -149,7 +149,7 @@ def test_the_nearest_of_an_arms_discrete_postures_is_found():
     chosen = solve_ik(UR5, X_WT, seeds=UR5.home, choice="nearest")
     assert np.all(chosen.success)
     least = np.full(40, np.inf)
-    for start in UR5.random_posture(np.random.default_rng(7), (100,)):
+    for start in UR5.random_configuration(np.random.default_rng(7), (100,)):
         found = solve_ik(UR5, X_WT, seeds=start, restarts=0)
         # The start was their seed, so full turns are taken off towards home afterwards.
         wound = found.q - 2 * np.pi * np.round((found.q - UR5.home) / (2 * np.pi))

@@ -24,7 +24,7 @@ def test_a_step_is_the_damped_one_of_the_page():
     iteration = build_kernel(_iteration(robot.chain, by_component=False))
     W = np.diag([1.0] * 3 + [0.2**2] * 3)
     for _ in range(20):
-        q, goal = robot.random_posture(rng, (2,))
+        q, goal = robot.random_configuration(rng, (2,))
         X_WT, X_goal = robot.forward(q), robot.forward(q + 0.1 * (goal - q))
         turn = rotation.log(rotation.multiply(X_goal.quaternion, rotation.conjugate(X_WT.quaternion)))
         e = np.concatenate([X_goal.translation - X_WT.translation, turn])
@@ -54,7 +54,7 @@ def test_starts_are_compared_by_the_distance_of_the_page():
 
 def test_tilt_and_roll_make_up_the_rotation():
     robot = load_robot("panda")
-    X_WG, X_WT = (robot.forward(robot.random_posture(np.random.default_rng(s), (50,))) for s in (2, 3))
+    X_WG, X_WT = (robot.forward(robot.random_configuration(np.random.default_rng(s), (50,))) for s in (2, 3))
     found = deviation(X_WG, X_WT)
     tilt, roll = np.zeros((2, 50, 3))
     tilt[:, :2], roll[:, 2] = found[:, 3:5], found[:, 5]

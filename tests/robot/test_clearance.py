@@ -40,7 +40,7 @@ def scene_of(name, margin=0.0):
 
 
 def postures(name, count, seed=0):
-    return load_robot(name).random_posture(np.random.default_rng(seed), (count,))
+    return load_robot(name).random_configuration(np.random.default_rng(seed), (count,))
 
 
 def segment_distance(a, b, c, d, count=60):

@@ -34,7 +34,7 @@ def model(name="panda"):
 
 
 def postures(robot, count, seed=0):
-    return robot.random_posture(np.random.default_rng(seed), (count,))
+    return robot.random_configuration(np.random.default_rng(seed), (count,))
 
 
 class Exact:
@@ -191,7 +191,7 @@ def test_going_along_the_gradient_leads_out_of_any_overlap():
     rng, left = np.random.default_rng(2), 0
     robot = distances.robot
     for _ in range(40):
-        q = robot.random_posture(rng)
+        q = robot.random_configuration(rng)
         middle = capsule_of(distances, q, "panda_link5")[2]
         distances.move("block", Pose.from_quaternion(rotation.random(rng), middle))
         row = distances.pairs.index(("panda_link5", "block"))

@@ -102,7 +102,7 @@ def slope_of(function, q, step=1e-6):
 @pytest.mark.parametrize("definition", DEFINITIONS)
 def test_every_definition_equals_a_separate_reading_on_every_arm(name, definition):
     robot, measure = load_robot(name), DEFINITIONS[definition]
-    q = robot.random_posture(np.random.default_rng(1), (4 if "vahrenkamp" in definition else 40,))
+    q = robot.random_configuration(np.random.default_rng(1), (4 if "vahrenkamp" in definition else 40,))
     expected = [literal(measure, robot, row) for row in q]
     np.testing.assert_allclose(measure.evaluate(robot, q), expected, rtol=1e-8, atol=1e-11)
 
@@ -113,7 +113,7 @@ def test_the_measure_equals_its_definition_on_an_arm_of_three_joints_one_endless
     endless_arm, singularity, joint_limits
 ):
     measure = Manipulability(singularity, joint_limits, k=7.0, length=0.3)
-    q = endless_arm.random_posture(np.random.default_rng(2), (20,))
+    q = endless_arm.random_configuration(np.random.default_rng(2), (20,))
     expected = [literal(measure, endless_arm, row) for row in q]
     np.testing.assert_allclose(measure.evaluate(endless_arm, q), expected, rtol=1e-8, atol=1e-11)
     slope = slope_of(lambda x: literal(measure, endless_arm, x), q[0])
@@ -123,7 +123,7 @@ def test_the_measure_equals_its_definition_on_an_arm_of_three_joints_one_endless
 @pytest.mark.parametrize("definition", DEFINITIONS)
 def test_the_gradient_equals_differences_of_the_measure(definition):
     measure = DEFINITIONS[definition]
-    for q in PANDA.random_posture(np.random.default_rng(3), (1 if "vahrenkamp" in definition else 5,)):
+    for q in PANDA.random_configuration(np.random.default_rng(3), (1 if "vahrenkamp" in definition else 5,)):
         slope = slope_of(lambda x: literal(measure, PANDA, x), q)
         np.testing.assert_allclose(measure.gradient(PANDA, q), slope, atol=1e-7 + 1e-6 * np.abs(slope).max())
 
@@ -157,7 +157,7 @@ def test_turning_an_endless_joint_changes_nothing(endless_arm):
 
 @pytest.mark.parametrize("shape", [(), (1,), (0,), (3, 37)])
 def test_batches_keep_their_shape_and_equal_single_postures(shape):
-    q = PANDA.random_posture(np.random.default_rng(4), shape)
+    q = PANDA.random_configuration(np.random.default_rng(4), shape)
     for singularity in SINGULARITY:
         measure = Manipulability(singularity)
         M = measure.evaluate(PANDA, q)
@@ -215,7 +215,7 @@ def test_the_length_matters_except_to_yoshikawa():
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 def test_interpreted_measures_equal_compiled_ones(monkeypatch):
-    q = PANDA.random_posture(np.random.default_rng(5), (40,))
+    q = PANDA.random_configuration(np.random.default_rng(5), (40,))
     compiled = [Manipulability(s).evaluate(PANDA, q) for s in SINGULARITY]
     monkeypatch.setenv("OPTSC_COMPILER", "none")
     fresh = load_robot("panda")

@@ -29,7 +29,7 @@ def test_only_the_arm_moves(robot):
 
 def test_the_jacobian_is_the_derivative_of_the_pose(robot):
     rng = np.random.default_rng(0)
-    q = robot.random_posture(rng)
+    q = robot.random_configuration(rng)
     J = robot.jacobian(q)
     for i, step in enumerate(1e-6 * np.eye(robot.n)):
         X, Y = robot.forward(q - step), robot.forward(q + step)
@@ -39,7 +39,7 @@ def test_the_jacobian_is_the_derivative_of_the_pose(robot):
 
 
 def test_poses_of_many_postures_equal_those_of_each(robot):
-    q = robot.random_posture(np.random.default_rng(1), (2, 3))
+    q = robot.random_configuration(np.random.default_rng(1), (2, 3))
     X = robot.forward(q)
     assert X.shape == (2, 3)
     assert X[1, 2].almost_equal(robot.forward(q[1, 2]))

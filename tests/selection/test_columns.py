@@ -18,7 +18,7 @@ from optsc.ik.batch import solve_ik
 from optsc.robot import load_robot
 from optsc.robot.collision import CollisionModel
 from optsc.robot.manipulability import Manipulability
-from optsc.robot.ways import walk_straight
+from optsc.robot.rollout import straight_line_rollout
 from optsc.selection import (
     AtMost,
     Cascade,
@@ -141,16 +141,16 @@ def test_predicted_motion_is_the_way_rolled_out_one_row_at_a_time():
     for i, t in np.argwhere(table.admissible)[::9]:
         X_WP, X_WG = table.X_WP[i, t][None], table.X_WG[i, t][None]
         settings = {"speed": 0.1, "angular_speed": 0.5}
-        first = walk_straight(robot, robot.home, start, X_WP, **settings)
-        last = walk_straight(robot, first.q, X_WP, X_WG, **settings)
+        first = straight_line_rollout(robot, robot.home, start, X_WP, **settings)
+        last = straight_line_rollout(robot, first.q, X_WP, X_WG, **settings)
         found = {name: values[i, t] for name, values in table.columns.items()}
-        if not (first.gone[0] and last.gone[0]):
+        if not (first.completed[0] and last.completed[0]):
             assert found[columns.WAY_SPEED] == columns.WORST_SPEED
             assert found[columns.WAY_MANIPULABILITY] == 0.0
             continue
         gone += 1
         assert found[columns.WAY_SPEED] == pytest.approx(max(first.speed[0], last.speed[0]), rel=1e-9)
-        path = np.vstack([first.postures[0, : first.steps[0]], last.postures[0, : last.steps[0]]])
+        path = np.vstack([first.configurations[0, : first.steps[0]], last.configurations[0, : last.steps[0]]])
         M = Manipulability().evaluate(robot, path)
         assert found[columns.WAY_MANIPULABILITY] >= M.min() - 1e-12
         assert found[columns.WAY_MANIPULABILITY] <= np.median(M)
@@ -245,10 +245,10 @@ def test_every_usable_row_can_be_approached_on_a_straight_line_and_ends_in_its_p
     robot, _ = arm()
     _, table = observed()
     rows = table.admissible
-    way = walk_straight(
+    way = straight_line_rollout(
         robot, table.q_pregrasp[rows], table.X_WP[rows], table.X_WG[rows], speed=0.1, angular_speed=0.5
     )
-    assert way.gone.all()
+    assert way.completed.all()
     np.testing.assert_allclose(way.q, table.q_grasp[rows], atol=1e-4)
 
 

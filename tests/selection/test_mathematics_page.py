@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from optsc.kernels.newton import DAMPING, FLOOR
-from optsc.kernels.rollout import ON_THE_WAY, STEPS, TOLERANCE
+from optsc.kernels.rollout import END_TOLERANCE, STEP_TOLERANCE, STEPS
 from optsc.robot import load_robot
 from optsc.robot.clearance import HORIZON
 from optsc.robot.manipulability import DEFINITIONS, Manipulability
-from optsc.robot.ways import STEP_TIME
+from optsc.robot.rollout import STEP_TIME
 from optsc.selection.columns import WORST_SPEED
 from optsc.selection.motion import TO_GRASP, TO_PREGRASP
 
@@ -32,7 +32,7 @@ def test_the_page_shows_the_numbers_that_are_used():
     assert f"N is at most {STEPS}" in text
     assert f"`λ = {DAMPING} eᵀ W e + 10⁻¹⁰`" in text
     assert pytest.approx(1e-10) == FLOOR
-    assert (ON_THE_WAY, TOLERANCE) == (1e-3, 1e-5)
+    assert (STEP_TOLERANCE, END_TOLERANCE) == (1e-3, 1e-5)
     assert "below 10⁻³ (10⁻⁵ at the end)" in text
     assert WORST_SPEED == 2.0
     assert "; 2 where the way cannot be gone" in text

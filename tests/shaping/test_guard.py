@@ -38,7 +38,7 @@ def assert_within(limits, period, q, v, a):
 def test_commanded_position_velocity_acceleration_and_jerk_stay_within_limits(name, rate, seed, kind):
     robot, rng = load_robot(name), np.random.default_rng(seed)
     guard = JointGuard(robot.limits, 1 / rate)
-    guard.reset(robot.random_posture(rng))
+    guard.reset(robot.random_configuration(rng))
     wishes = np.repeat(rng.normal(scale=5, size=(12, robot.n)), 40, axis=0)
     if kind == "noise":
         wishes = rng.normal(scale=5, size=(480, robot.n))

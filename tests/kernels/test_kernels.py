@@ -24,7 +24,7 @@ from optsc.kernels import (
     rotations,
 )
 from optsc.kernels.newton import DAMPING, FLOOR, LENGTH
-from optsc.kernels.rollout import _newton
+from optsc.kernels.rollout import newton
 from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
 from optsc.robot.comparison import compare_kernels
 
@@ -76,7 +76,7 @@ def robot(request, tmp_path):
 
 def test_symbolic_kinematics_equal_those_of_pinocchio(robot):
     forward, slopes, both = forward_kinematics(robot.chain), jacobian(robot.chain), kinematics(robot.chain)
-    for q in robot.random_posture(np.random.default_rng(1), (20,)):
+    for q in robot.random_configuration(np.random.default_rng(1), (20,)):
         X_WT = robot.forward(q)
         R, p, J = (np.array(value.full()) for value in both(q))
         np.testing.assert_allclose(R, X_WT.rotation_matrix(), atol=1e-14)
@@ -87,7 +87,7 @@ def test_symbolic_kinematics_equal_those_of_pinocchio(robot):
 
 def test_the_jacobian_equals_differences_of_pinocchios_kinematics(robot):
     slopes, h = jacobian(robot.chain), 1e-6
-    for q in robot.random_posture(np.random.default_rng(6), (5,)):
+    for q in robot.random_configuration(np.random.default_rng(6), (5,)):
         ahead, back = robot.forward(q + h * np.eye(robot.n)), robot.forward(q - h * np.eye(robot.n))
         linear = (ahead.translation - back.translation) / (2 * h)
         turn = rotation.log(rotation.multiply(ahead.quaternion, rotation.conjugate(back.quaternion))) / (
@@ -97,11 +97,11 @@ def test_the_jacobian_equals_differences_of_pinocchios_kinematics(robot):
 
 
 def test_one_step_along_a_line_is_the_damped_step_of_pinocchios_jacobian(robot):
-    newton, rng = build_kernel(_newton(robot.chain)), np.random.default_rng(7)
+    step_kernel, rng = build_kernel(newton(robot.chain)), np.random.default_rng(7)
     n, W = robot.n, np.diag([1.0] * 3 + [LENGTH**2] * 3)
     free = np.repeat([-np.inf, np.inf], n)
     for _ in range(10):
-        q, away = robot.random_posture(rng), rng.normal(size=n)
+        q, away = robot.random_configuration(rng), rng.normal(size=n)
         X_WT, X_goal = robot.forward(q), robot.forward(q + 0.02 * away)
         turn = rotation.log(rotation.multiply(X_goal.quaternion, rotation.conjugate(X_WT.quaternion)))
         e, J = np.concatenate([X_goal.translation - X_WT.translation, turn]), robot.jacobian(q)
@@ -109,11 +109,11 @@ def test_one_step_along_a_line_is_the_damped_step_of_pinocchios_jacobian(robot):
         step = np.linalg.solve(J.T @ W @ J + damping * np.eye(n), J.T @ W @ e)
         goal = np.concatenate([X_goal.quaternion, X_goal.translation])
         here = np.concatenate([X_WT.quaternion, X_WT.translation])
-        (there,) = newton(np.r_[q, q, np.inf], goal, here, [1e-9], free)
+        (there,) = step_kernel(np.r_[q, q, np.inf], goal, here, [1e-9], free)
         np.testing.assert_allclose(there[:n] - q, step, rtol=1e-6, atol=1e-7)
         assert there[2 * n] == pytest.approx(np.abs(e).max(), abs=1e-9)
         # A posture that is at its target is on its way to the next one.
-        (onward,) = newton(np.r_[q, np.zeros(n), np.inf], here, goal, [1e-6], free)
+        (onward,) = step_kernel(np.r_[q, np.zeros(n), np.inf], here, goal, [1e-6], free)
         np.testing.assert_allclose(onward[:n], there[:n], atol=1e-9)
         assert np.array_equal(onward[n : 2 * n], q)
 
@@ -269,11 +269,11 @@ def test_a_compiler_that_does_not_exist_is_refused(monkeypatch):
 
 def test_with_an_empty_path_kernels_are_interpreted_and_say_the_same(tmp_path):
     program = (
-        "from optsc.robot import load_robot; from optsc.kernels import *; from optsc.robot.ways import *;"
+        "from optsc.robot import load_robot; from optsc.kernels import *; from optsc.robot.rollout import *;"
         "r = load_robot('panda'); X = r.forward(r.home);"
         "Y = type(X).from_translation([0, 0.05, 0])[None] @ X;"
-        "w = walk_straight(r, r.home, X, Y, speed=0.1, angular_speed=0.5);"
-        "print(compiler(), w.q.tolist())"
+        "rollout = straight_line_rollout(r, r.home, X, Y, speed=0.1, angular_speed=0.5);"
+        "print(compiler(), rollout.q.tolist())"
     )
     outputs = []
     for environment in ({}, {"PATH": str(tmp_path), "OPTSC_CACHE": str(tmp_path), "CC": ""}):
@@ -316,7 +316,7 @@ def test_the_kernels_rotation_vector_has_the_length_of_the_rotation(angle):
 
 
 def test_no_posture_is_out_of_reach(robot):
-    X_WT = robot.forward(robot.random_posture(np.random.default_rng(5), (500,)))
+    X_WT = robot.forward(robot.random_configuration(np.random.default_rng(5), (500,)))
     assert not reach(robot).excludes(X_WT.quaternion, X_WT.translation).any()
 
 
