@@ -1,33 +1,28 @@
 """Grasp selection: reach table, cost terms, filters, ranking rules, explanation."""
 
-from optsc.selection.breakdown import CandidateRow
-from optsc.selection.clearance import GraspClearance
 from optsc.selection.costs import (
     ClearanceLoss,
     GraspCost,
     JointTravel,
     ManipulabilityLoss,
     OrientationDistance,
+    PathClearanceLoss,
+    PathLength,
+    PathManipulabilityLoss,
+    PathSpeed,
     PoseDistance,
     PositionDistance,
     QualityLoss,
     TableCost,
 )
-from optsc.selection.filters import AtMost, GraspFilter
+from optsc.selection.explanation import CandidateRow
+from optsc.selection.filters import AtMost, GraspFilter, StraightPathFilter, Vetoed
 from optsc.selection.hysteresis import Hysteresis
-from optsc.selection.motion import StraightMotion
-from optsc.selection.predicted import (
-    StraightWay,
-    WayClearanceLoss,
-    WayLength,
-    WayManipulabilityLoss,
-    WaySpeed,
-)
 from optsc.selection.ranking import Ranking, Target
 from optsc.selection.reach import ReachTable, refresh, solve_reach
+from optsc.selection.reach_columns import GraspClearance, StraightMotion
 from optsc.selection.rules import Cascade, Lexicographic, Rule, Stage, WeightedSum
 from optsc.selection.selector import GraspSelector
-from optsc.selection.veto import Vetoed
 
 __all__ = [
     "AtMost",
@@ -43,6 +38,10 @@ __all__ = [
     "Lexicographic",
     "ManipulabilityLoss",
     "OrientationDistance",
+    "PathClearanceLoss",
+    "PathLength",
+    "PathManipulabilityLoss",
+    "PathSpeed",
     "PoseDistance",
     "PositionDistance",
     "QualityLoss",
@@ -51,14 +50,10 @@ __all__ = [
     "Rule",
     "Stage",
     "StraightMotion",
-    "StraightWay",
+    "StraightPathFilter",
     "TableCost",
     "Target",
     "Vetoed",
-    "WayClearanceLoss",
-    "WayLength",
-    "WayManipulabilityLoss",
-    "WaySpeed",
     "WeightedSum",
     "refresh",
     "solve_reach",

@@ -1,4 +1,4 @@
-"""Cost terms: each one finite number with a unit for every candidate; lower is better.
+"""Grasp costs: each one finite number with a unit for every candidate; lower is better.
 
 A cost knows nothing of the rule that ranks by it. Shapes (K, M) are the places of `optsc.selection.grid`.
 """
@@ -7,13 +7,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from optsc.errors import InvalidValue
+from optsc.checks import Above, AtMost, Checked, Each, NonNegative
 from optsc.geometry.rotation import Array
-from optsc.selection.columns import CLEARANCE, needed
 from optsc.selection.grid import Grid, Situation
+from optsc.selection.reach_columns import (
+    CLEARANCE,
+    PATH_CLEARANCE,
+    PATH_MANIPULABILITY,
+    PATH_SPEED,
+    needed,
+)
+
+Weights = Annotated[tuple[float, float, float], Each(NonNegative)]
 
 
 class GraspCost(ABC):
@@ -24,7 +33,7 @@ class GraspCost(ABC):
         unit: its unit; "-" for a plain number.
         resolution: keys that differ by less are ties. Far above rounding, far below anything that matters, so
             that the ranking does not hang on the last digit.
-        columns: names of what the reach table has to measure for it, see `optsc.selection.columns`.
+        columns: names of what the reach table has to measure for it, see `optsc.selection.reach_columns`.
     """
 
     name: str
@@ -95,9 +104,9 @@ class PositionDistance(GraspCost):
 
 @dataclass(frozen=True)
 class ManipulabilityLoss(TableCost):
-    """-M, the penalised manipulability at the grasp's posture with its sign turned; a plain number.
+    """-M, the penalised manipulability at the grasp's configuration with its sign turned; a plain number.
 
-    What it is made of is the business of the `optsc.selection.reach.Measure` that filled the table.
+    Its definition is that of the `optsc.selection.reach_columns.Measure` that filled the table.
     """
 
     name = "manipulability"
@@ -113,7 +122,7 @@ class ManipulabilityLoss(TableCost):
 
 
 @dataclass(frozen=True)
-class PoseDistance(GraspCost):
+class PoseDistance(Checked, GraspCost):
     """Weighted pose distance in the gripper frame of each candidate [m].
 
     xi = [R_i^T (p - p_i), log(R_i^T R)] is the hand as seen from grasp i, and the cost is the square root of
@@ -128,17 +137,12 @@ class PoseDistance(GraspCost):
         length: metres that one radian counts for.
     """
 
-    position: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    rotation: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    length: float = 0.15
+    position: Weights = (1.0, 1.0, 1.0)
+    rotation: Weights = (1.0, 1.0, 1.0)
+    length: Annotated[float, NonNegative] = 0.15
 
     name = "pose"
     unit = "m"
-
-    def __post_init__(self) -> None:
-        weights = np.array([*self.position, *self.rotation, self.length], dtype=float)
-        if weights.shape != (7,) or not np.all(np.isfinite(weights) & (weights >= 0.0)):
-            raise InvalidValue("pose weights and length", weights.tolist(), "three, three and one, 0 or more")
 
     def values(self, situation: Situation) -> Array:
         """Return the weighted distance (K, M) [m]."""
@@ -177,7 +181,7 @@ def _left_conjugate(q: Array) -> Array:
 
 @dataclass(frozen=True)
 class JointTravel(GraspCost):
-    """Largest joint motion [rad] from the present posture to the grasp's; large means another IK branch."""
+    """Largest joint motion [rad] from the present configuration to the grasp's; large means another IK branch."""
 
     name = "joint travel"
     unit = "rad"
@@ -188,13 +192,8 @@ class JointTravel(GraspCost):
         return situation.chosen(np.maximum.reduce(travel, axis=0))
 
 
-def shortfall(clearance: Array, enough: float) -> Array:
-    """Return enough - min(clearance, enough): 0 where there is enough."""
-    return enough - np.minimum(clearance, enough)
-
-
 @dataclass(frozen=True)
-class ClearanceLoss(TableCost):
+class ClearanceLoss(Checked, TableCost):
     """How much the clearance at pre-grasp and grasp falls short of ``enough`` [m].
 
     It saturates, so that of two grasps in free space neither is better: 0 from ``enough`` on.
@@ -203,23 +202,69 @@ class ClearanceLoss(TableCost):
         enough: clearance from which more is worth nothing [m].
     """
 
-    enough: float = 0.05
+    enough: Annotated[float, Above(0.0), AtMost(0.2)] = 0.05
 
     name = "clearance"
     unit = "m"
     columns = frozenset({CLEARANCE})
 
-    def __post_init__(self) -> None:
-        if not 0.0 < self.enough <= 0.2:
-            raise InvalidValue("enough", self.enough, "above 0, up to 0.2 m")
-
     def per_twin(self, grid: Grid) -> Array:
         """Return enough - min(clearance, enough) (T, K, M) [m]."""
-        return shortfall(grid.column(CLEARANCE), self.enough)
+        (column,) = self.columns
+        return self.enough - np.minimum(grid.column(column), self.enough)
 
     def describe(self, value: float) -> str:
         """Return the clearance itself, which is better when higher."""
         return f"{self.name} {'' if value > 0.0 else 'at least '}{self.enough - value:.3g} m"
+
+
+@dataclass(frozen=True)
+class PathLength(GraspCost):
+    """Length of the tool's path [m]: straight to the pre-grasp, and the standoff on to the grasp."""
+
+    name = "way length"
+    unit = "m"
+
+    def values(self, situation: Situation) -> Array:
+        """Return |p_P - p| + standoff (K, M) [m]."""
+        offset = situation.grid.pregrasp_positions - situation.position[:, None, None]
+        return np.sqrt(np.einsum("ikm,ikm->km", offset, offset)) + situation.grid.table.standoff
+
+
+@dataclass(frozen=True)
+class PathSpeed(TableCost):
+    """Greatest share of its velocity limit [-] that any joint needs on the straight path at the speed of the approach.
+
+    Twice the limit stands for a path that the arm cannot complete.
+    """
+
+    name = "peak joint speed"
+    unit = "-"
+    columns = frozenset({PATH_SPEED})
+
+    def per_twin(self, grid: Grid) -> Array:
+        """Return the share (T, K, M)."""
+        return grid.column(PATH_SPEED)
+
+
+@dataclass(frozen=True)
+class PathManipulabilityLoss(ManipulabilityLoss):
+    """Least penalised manipulability on the straight path with its sign turned; 0 where the arm cannot complete it."""
+
+    name = "manipulability on the way"
+    columns = frozenset({PATH_MANIPULABILITY})
+
+    def per_twin(self, grid: Grid) -> Array:
+        """Return minus the least M (T, K, M)."""
+        return -grid.column(PATH_MANIPULABILITY)
+
+
+@dataclass(frozen=True)
+class PathClearanceLoss(ClearanceLoss):
+    """How much the least clearance on the straight path falls short of ``enough`` [m]; see `ClearanceLoss`."""
+
+    name = "clearance on the way"
+    columns = frozenset({PATH_CLEARANCE})
 
 
 @dataclass(frozen=True)

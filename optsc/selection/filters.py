@@ -1,4 +1,4 @@
-"""Filters: which candidates may be ranked at all, and why the others may not.
+"""Grasp filters: which candidates may be ranked at all, and why the others may not.
 
 Reachability is always the first filter (`optsc.selection.reach`); these come after it.
 """
@@ -12,13 +12,14 @@ import numpy as np
 
 from optsc.selection.costs import GraspCost
 from optsc.selection.grid import Situation
+from optsc.selection.reach_columns import PATH
 
 
 class GraspFilter(ABC):
     """A mask with a reason.
 
     Attributes:
-        columns: names of what the reach table has to measure for it, see `optsc.selection.columns`.
+        columns: names of what the reach table has to measure for it, see `optsc.selection.reach_columns`.
     """
 
     columns: frozenset[str] = frozenset()
@@ -53,3 +54,45 @@ class AtMost(GraspFilter):
     def passes(self, situation: Situation) -> np.ndarray:
         """Return which candidates (K, M) cost at most the limit."""
         return self.cost.values(situation) <= self.limit
+
+
+@dataclass(frozen=True)
+class StraightPathFilter(GraspFilter):
+    """Only grasps that the arm gets to on the straight path from where it stands."""
+
+    columns = frozenset({PATH})
+
+    @property
+    def reason(self) -> str:
+        """Why: there is no such path."""
+        return "no straight path from here"
+
+    def passes(self, situation: Situation) -> np.ndarray:
+        """Return which candidates (K, M) the arm gets to."""
+        return situation.chosen(situation.grid.column(PATH)) > 0.5
+
+
+@dataclass(frozen=True)
+class Vetoed(GraspFilter):
+    """The operator's veto: leaves out single grasps.
+
+    Attributes:
+        grasps: pairs of object name and grasp index; what is not among the candidates is ignored.
+    """
+
+    grasps: frozenset[tuple[str, int]]
+
+    @property
+    def reason(self) -> str:
+        """Why: a person said so."""
+        return "vetoed"
+
+    def passes(self, situation: Situation) -> np.ndarray:
+        """Return which candidates (K, M) nobody vetoed."""
+        layout = situation.grid.layout
+        grasp = layout.spread(layout.candidates.grasp_index, -1)
+        passes = np.ones(grasp.shape, dtype=bool)
+        for name, index in self.grasps:
+            if name in layout.names:
+                passes[layout.names.index(name)] &= grasp[layout.names.index(name)] != index
+        return passes

@@ -1,4 +1,4 @@
-"""What ranking gives: per object the chosen grasp, and on request everything that led to it."""
+"""Grasp ranking: per object the chosen grasp, and on request everything that led to it."""
 
 from __future__ import annotations
 
@@ -13,17 +13,15 @@ import numpy as np
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
-from optsc.selection import breakdown, explain
-from optsc.selection.breakdown import CandidateRow
+from optsc.selection import explanation
 from optsc.selection.costs import GraspCost, PoseDistance
-from optsc.selection.filters import GraspFilter
-from optsc.selection.grid import Grid, Situation, situate
-from optsc.selection.reach import REASONS
-from optsc.selection.rules import Rule, Selection
+from optsc.selection.decision import Decision, RankingInputs, decide
+from optsc.selection.explanation import CandidateRow
+from optsc.selection.rules import Rule
 
 AIM = PoseDistance(position=(1.0, 1.0, 0.1), rotation=(1.0, 1.0, 0.25))
-"""How far a grasp is from what the hand points at (ours): the way along the approach is travelled anyway, and counts
-little; so does roll. The object with the least is the one that is meant."""
+"""How far a grasp is from what the hand points at (tuned here): the path along the approach is travelled anyway, and
+counts little; so does roll. The object with the least is the intended one."""
 TIE = 1e-9
 """Objects whose squared distances differ by less than this share are equally near."""
 
@@ -38,7 +36,7 @@ class Target(NamedTuple):
         half_turn: whether X_WG is the stored pose turned by half a turn about its z axis (the jaws'
             symmetry).
         X_WG, X_WP: tool poses at the grasp and at the pre-grasp.
-        q, q_pregrasp: postures (n,) found there [rad].
+        q, q_pregrasp: configurations (n,) found there [rad].
         opening: distance between the pads when they hold the object [m].
         manipulability: the measure at ``q``.
     """
@@ -55,36 +53,6 @@ class Target(NamedTuple):
     manipulability: float
 
 
-class Inputs(NamedTuple):
-    """What a ranking follows from: unit quaternion (4,), position (3,) [m], posture (n,) [rad], finite."""
-
-    grid: Grid
-    rule: Rule
-    filters: tuple[GraspFilter, ...]
-    quaternion: Array
-    position: Array
-    q: Array
-
-
-class View(NamedTuple):
-    """A situation and its selection in full: what `Ranking` computes when asked for more than the choice."""
-
-    situation: Situation
-    selection: Selection
-    reasons: tuple[str, ...]
-    rejected: np.ndarray  # (K, M) index into reasons; 0 where admissible
-
-
-def decide(inputs: Inputs) -> tuple[Situation, Selection]:
-    """Return the situation and what the rule makes of it: the heart of a control tick."""
-    grid, rule, filters, quaternion, position, q = inputs
-    situation = situate(grid, quaternion, position, q)
-    admissible = grid.reachable
-    for one in filters:
-        admissible = admissible & one.passes(situation)
-    return situation, rule.select(situation, admissible)
-
-
 @dataclass(frozen=True, eq=False)
 class Ranking:
     """The candidates of every object as ranked for one pose of the hand.
@@ -96,8 +64,8 @@ class Ranking:
         chosen: object name -> candidate index of its best grasp, None where none is admissible.
         best: the object that the hand points at: the one with the admissible grasp of least `AIM` distance; None
             where nothing is chosen. Of two equally near the first by name.
-        stale: whether some grasp in the final choice was judged by a posture that belongs to another posture
-            of the arm, because the work of one call is bounded; the next calls catch up.
+        stale: whether some grasp in the final choice was judged from another configuration of the arm than the
+            present one, because the work of one call is bounded; the next calls catch up.
         reason: "" or why this ranking is empty or that of an earlier call.
     """
 
@@ -105,7 +73,7 @@ class Ranking:
     best: str | None
     stale: bool = False
     reason: str = ""
-    _inputs: Inputs | None = None
+    _inputs: RankingInputs | None = None
     _twins: tuple[int, ...] = ()  # of each object the jaw twin of the chosen grasp
 
     @classmethod
@@ -114,9 +82,9 @@ class Ranking:
         return cls(MappingProxyType({}), None, reason=reason)
 
     @classmethod
-    def of_decision(cls, inputs: Inputs, situation: Situation, selection: Selection, stale: bool) -> Ranking:
-        """Return the ranking of what `decide` made of ``inputs``."""
-        layout = inputs.grid.layout
+    def of_decision(cls, decision: Decision, stale: bool) -> Ranking:
+        """Return the ranking by what was decided; it keeps no more than the inputs of it."""
+        layout, situation, selection = decision.layout, decision.situation, decision.selection
         width = layout.index.shape[1]
         places = [k * width + max(column, 0) for k, column in enumerate(selection.winner)]
         candidates = layout.index.ravel()[places].tolist()
@@ -124,14 +92,14 @@ class Ranking:
         twins = (0,) * len(places) if turned is None else turned.ravel()[places].astype(int).tolist()
         won = [column >= 0 for column in selection.winner]
         chosen = {name: candidates[k] if won[k] else None for k, name in enumerate(layout.names)}
-        # Which object is meant must not depend on the rule that chooses among its grasps.
+        # Which object is intended must not depend on the rule that chooses among its grasps.
         squares = np.where(selection.survivors[0], AIM.key(situation), np.inf).min(axis=1, initial=np.inf)
         # Rounding must not decide between equals: it depends on the world frame, and the first by name does not.
         equal = squares <= squares.min(initial=np.inf) * (1.0 + TIE)
         best = layout.names[int(np.argmax(equal))] if any(won) else None
-        return cls(MappingProxyType(chosen), best, stale, "", inputs, tuple(twins))
+        return cls(MappingProxyType(chosen), best, stale, "", decision.inputs, tuple(twins))
 
-    def follows_from(self, inputs: Inputs) -> bool:
+    def follows_from(self, inputs: RankingInputs) -> bool:
         """Tell whether ranking these very inputs again would change nothing; they are compared by identity."""
         known = self._inputs
         same = known is not None and all(a is b for a, b in zip(known, inputs, strict=True))
@@ -157,12 +125,12 @@ class Ranking:
 
     def target_of(self, i: int) -> Target:
         """Return candidate ``i`` as a target, chosen or not; the jaw twin is the one that suits the hand."""
-        candidates, turned = self._grid.table.candidates, self.view.situation.turned
-        name = candidates.object_names[int(candidates.object_index[self._candidate(i)])]
-        return self._target_of(name, i, 0 if turned is None else int(self._grid.layout.gather(turned)[i]))
+        decision = self.decision
+        name = decision.candidates.object_names[int(decision.candidates.object_index[self._candidate(i)])]
+        return self._target_of(name, i, int(decision.half_turn(i)))
 
     def _target_of(self, name: str, i: int, t: int) -> Target:
-        table = self._grid.table
+        table = self._known.grid.table
         return Target(
             object_name=name,
             candidate=int(i),
@@ -185,75 +153,65 @@ class Ranking:
 
     def of(self, object_name: str) -> np.ndarray:
         """Return the admissible candidates of one object, best first; raise `UnknownName`."""
-        k = self.object_names.index(self._checked(object_name))
-        return self._grid.layout.index[k, self.view.selection.order(k)]
+        return self.decision.order(self.object_names.index(self._checked(object_name)))
 
     @property
     def total(self) -> Array:
         """The cost (N,) that decides in the end: the weighted sum, or that of a cascade's last stage."""
-        return np.zeros(0) if self._inputs is None else self.cost_of(self._known.rule.deciding_cost)
+        return np.zeros(0) if self._inputs is None else self.cost_of(self.rule.deciding_cost)
 
     @property
     def costs(self) -> dict[str, Array]:
         """Every cost of the rule by name, each (N,) in its unit, for all candidates."""
-        return {} if self._inputs is None else {c.name: self.cost_of(c) for c in self._inputs.rule.costs}
+        return {} if self._inputs is None else {c.name: self.cost_of(c) for c in self.rule.costs}
 
     def cost_of(self, cost: GraspCost) -> Array:
         """Return any cost term (N,) for all candidates at this pose of the hand."""
-        return self._known.grid.layout.gather(cost.values(self.view.situation))
+        return self.decision.cost_of(cost)
 
     @property
     def rejected_by(self) -> np.ndarray:
         """Why each candidate (N,) is not the one chosen: a filter's reason or a stage; "" where it is."""
-        if self._inputs is None:
-            return np.zeros(0, dtype=object)
-        view = self.view
-        left = view.selection.left_at()
-        words = np.array([*view.reasons, *self._known.rule.stages, ""], dtype=object)
-        codes = np.where(left < 0, view.rejected, len(view.reasons) + left)
-        return self._grid.layout.gather(words[codes])
-
-    @cached_property
-    def view(self) -> View:
-        """The situation and the selection in full."""
-        grid, filters = self._known.grid, self._known.filters
-        situation, selection = decide(self._known)
-        reasons = (*REASONS, *(one.reason for one in filters))
-        rejected = np.where(grid.reachable, 0, situation.chosen(grid.status)).astype(np.int64)
-        for number, one in enumerate(filters, start=len(REASONS)):
-            rejected = np.where((rejected == 0) & ~one.passes(situation), number, rejected)
-        return View(situation, selection, reasons, rejected)
-
-    def explain(self, i: int | None = None) -> str:
-        """Return in words and numbers what was chosen and why, or why candidate ``i`` was or was not."""
-        if self._inputs is None:
-            return f"No ranking: {self.reason}."
-        if i is None:
-            return explain.ranking(self)
-        return explain.candidate(self, self._candidate(i))
-
-    def rows(self) -> tuple[CandidateRow, ...]:
-        """Return every candidate with its costs, its rank, and what removed it: the best of each object first."""
-        return breakdown.rows(self)
-
-    def table(self, limit: int | None = None) -> str:
-        """Return `rows` as text in columns, at most ``limit`` of each object."""
-        return breakdown.text(self, limit)
-
-    @property
-    def _known(self) -> Inputs:
-        if self._inputs is None:
-            raise InvalidValue("ranking", f"empty: {self.reason}", "a ranking of at least one candidate")
-        return self._inputs
-
-    @property
-    def _grid(self) -> Grid:
-        return self._known.grid
+        return np.zeros(0, dtype=object) if self._inputs is None else self.decision.rejected_by()
 
     @property
     def rule(self) -> Rule:
         """The rule that ranked."""
         return self._known.rule
+
+    @cached_property
+    def decision(self) -> Decision:
+        """What the rule made of the candidates, in full: decided again from the inputs when it is asked for."""
+        return decide(self._known)
+
+    def explain(self, i: int | None = None) -> str:
+        """Return in words and numbers what was chosen and why, or why candidate ``i`` was or was not."""
+        if self._inputs is None:
+            return f"No ranking: {self.reason}."
+        if i is not None:
+            return explanation.of_candidate(self.decision, self._candidate(i))
+        lines = [] if not self.reason else [f"Kept from an earlier call: {self.reason}."]
+        if self.best is not None:
+            lines.append(f"The hand points at: {self.best}.")
+        lines += [explanation.of_object(self.decision, k) for k in range(len(self.chosen))]
+        if self.stale:
+            lines.append("Some grasps are judged by where the arm stood a moment ago.")
+        return "\n".join(lines)
+
+    def rows(self) -> tuple[CandidateRow, ...]:
+        """Return every candidate with its costs, its rank, and what removed it: the best of each object first."""
+        return explanation.rows(self.decision) if self.chosen else ()
+
+    def table(self, limit: int | None = None) -> str:
+        """Return `rows` as text in columns, at most ``limit`` of each object."""
+        rows = self.rows()
+        return explanation.table(rows, limit) if rows else f"No ranking: {self.reason}."
+
+    @property
+    def _known(self) -> RankingInputs:
+        if self._inputs is None:
+            raise InvalidValue("ranking", f"empty: {self.reason}", "a ranking of at least one candidate")
+        return self._inputs
 
     def _checked(self, name: str) -> str:
         if name not in self.chosen:
@@ -261,7 +219,7 @@ class Ranking:
         return name
 
     def _candidate(self, i: int) -> int:
-        count = len(self._grid.layout.place)
+        count = len(self._known.grid.layout.place)
         if not 0 <= i < count:
             raise InvalidValue("candidate index", i, f"0 to {count - 1}")
         return int(i)

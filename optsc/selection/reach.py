@@ -1,8 +1,8 @@
-"""The reach table: which grasps the arm can carry out, how it would stand, and how well it could move there.
+"""Reach table: which grasps the arm can reach, in which configuration, and how well it can move there.
 
 Solving it belongs to the scene clock; ranking only reads it. Rows are solved in the order in which the arm
-moves: the pre-grasp from the posture at hand, then the grasp from the pre-grasp's posture. So the
-manipulability of a row is the one at the posture that would be driven to.
+moves: the pre-grasp from the present configuration, then the grasp from the pre-grasp's configuration. So the
+manipulability of a row is the one at the configuration in which the arm would arrive.
 """
 
 from __future__ import annotations
@@ -15,13 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.checks import NonNegative, require
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
-from optsc.selection import columns as column
-from optsc.selection.columns import Measure, RowsToMeasure
-from optsc.selection.motion import StraightMotion
-from optsc.selection.reuse import rows_at_the_same_place
+from optsc.selection.reach_columns import Measure, ReachedRows, StraightMotion, measured, require_measurable
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
@@ -36,22 +34,14 @@ HALF_TURN = Pose.from_quaternion([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0])
 
 SolveIk: TypeAlias = Callable[[Pose, Array], Any]
 """Inverse kinematics ``solve(X_WT, seeds)`` of R poses from seeds (n,) or (R, n): returns a tuple that begins
-with postures (R, n) and success (R,)."""
+with configurations (R, n) and success (R,)."""
 ClearRows: TypeAlias = Callable[[Array, Array, "Candidates"], np.ndarray]
-"""Collision check ``clear(q_grasp, q_pregrasp, candidates)`` of R rows: postures (R, n), result (R,) bool."""
-
-
-def _frozen(values: ArrayLike) -> np.ndarray:
-    array = np.asarray(values)
-    if array.flags.writeable:
-        array = array.copy()
-        array.flags.writeable = False
-    return array
+"""Collision check ``clear(q_grasp, q_pregrasp, candidates)`` of R rows: configurations (R, n), result (R,) bool."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReachTable:
-    """For each of N candidates and its T jaw twins: reachability, postures and manipulability.
+    """For each of N candidates and its T jaw twins: reachability, configurations and manipulability.
 
     T is 2 where a half turn about the tool's z axis is the same grasp (twin 0 is the stored pose, twin 1 the
     turned one), else 1. A *row* is one twin of one candidate: row r is candidate r // T, twin r % T.
@@ -61,11 +51,11 @@ class ReachTable:
         standoff: distance from the pre-grasp to the grasp along the approach axis [m].
         X_WG: tool poses at the grasps (N, T).
         X_WP: tool poses at the pre-grasps (N, T).
-        q_grasp, q_pregrasp: postures there (N, T, n) [rad]; the seed where none was found.
+        q_grasp, q_pregrasp: configurations there (N, T, n) [rad]; the seed where none was found.
         status: (N, T), see `REASONS`.
         manipulability: at the grasps (N, T), 0 where not reached.
-        seed: (N, T, n), the posture of the arm from which the row was solved.
-        columns: what else was asked for, by name (`optsc.selection.columns`), each (N, T); 0 where not reached.
+        seed: (N, T, n), the configuration of the arm from which the row was solved.
+        columns: what else was asked for, by name (`optsc.selection.reach_columns`), each (N, T); 0 where not reached.
     """
 
     candidates: Candidates
@@ -97,7 +87,7 @@ class ReachTable:
 
     @property
     def admissible(self) -> np.ndarray:
-        """Which rows (N, T) the arm can carry out."""
+        """Which rows (N, T) the arm can execute."""
         return self.status == REACHED
 
     def rejected(self, reason: str) -> np.ndarray:
@@ -140,34 +130,34 @@ def solve_reach(
     known: ReachTable | None = None,
     refresh_angle: float = 0.1,
 ) -> ReachTable:
-    """Return the reach table of all candidates as seen from the arm's posture.
+    """Return the reach table of all candidates as seen from the arm's configuration.
 
     Args:
         robot: the arm.
         candidates: the grasps, placed in the world.
-        q: the arm's present posture (n,) [rad].
+        q: the arm's present configuration (n,) [rad].
         solve: inverse kinematics, see `SolveIk`.
         manipulability: the measure M of the rows.
         standoff: distance of the pre-grasp before the grasp [m]; X_WP = X_WG moved back along the approach
             axis.
         clear: collision check of rows that IK reached; None checks nothing.
-        motion: how the tool is led. With it rows have to be approached on a straight line, posture by posture;
-            None asks only for a posture at both its ends.
-        columns: what else to measure, names of `optsc.selection.columns`.
-        known: an older table. What it has of grasps that have not moved, solved from a posture no more than
-            ``refresh_angle`` [rad] away, is taken over; only what depends on other objects is judged anew.
+        motion: how the tool is moved. With it rows have to be approached on a straight line, step by step; None
+            asks only for a configuration at both its ends.
+        columns: what else to measure, names of `optsc.selection.reach_columns`.
+        known: an older table. What it has of grasps that have not moved, solved from a configuration no more than
+            ``refresh_angle`` [rad] away, is kept; only what depends on other objects is checked again.
         refresh_angle: see ``known``.
 
     Raises:
-        InvalidValue: a posture that is not finite, a negative standoff, or a column that cannot be measured with
+        InvalidValue: a configuration that is not finite, a negative standoff, or a column that cannot be measured with
             what is given.
     """
-    if not 0.0 <= standoff < np.inf:
-        raise InvalidValue("standoff", standoff, "0 m or more")
-    tools = _Tools(robot, solve, manipulability, clear, motion, column.checked(columns, motion, clear))
-    posture = _checked(q)
+    require("standoff", standoff, NonNegative)
+    require_measurable(columns, motion, clear)
+    tools = _Tools(robot, solve, manipulability, clear, motion, columns)
+    here = _checked(q)
     X_WG = _twin_poses(candidates)
-    seed = np.broadcast_to(posture, (*X_WG.shape, posture.shape[-1]))
+    seed = np.broadcast_to(here, (*X_WG.shape, len(here)))
     table = ReachTable(
         candidates=candidates,
         standoff=standoff,
@@ -182,12 +172,12 @@ def solve_reach(
     )
     rows = np.arange(table.rows)
     if known is not None and known.standoff == standoff and known.twins == table.twins:
-        same, of_old = rows_at_the_same_place(known, table)
-        gap = np.abs(known.seed.reshape(-1, len(posture))[of_old] - posture).max(axis=1, initial=0.0)
+        same, of_old = _rows_at_the_same_place(known, table)
+        gap = np.abs(known.seed.reshape(-1, len(here))[of_old] - here).max(axis=1, initial=0.0)
         near = gap <= refresh_angle
-        table = _taken_over(table, same[near], known, of_old[near], tools)
+        table = _kept(table, same[near], known, of_old[near], tools)
         rows = np.setdiff1d(rows, same[near])
-    return _solved_anew(table, rows, posture, tools)
+    return _solved(table, rows, here, tools)
 
 
 def refresh(
@@ -201,61 +191,96 @@ def refresh(
     clear: ClearRows | None = None,
     motion: StraightMotion | None = None,
 ) -> ReachTable:
-    """Return a new table in which some rows (R,) were solved anew from the posture ``q`` (n,) [rad].
+    """Return a new table in which some rows (R,) were solved again from the configuration ``q`` (n,) [rad].
 
     What is found replaces what was known, also when a row is no longer reached, and in all columns that the table
-    has. Raises `InvalidValue` for a posture that is not finite.
+    has. Raises `InvalidValue` for a configuration that is not finite.
     """
     tools = _Tools(robot, solve, manipulability, clear, motion, frozenset(table.columns))
-    return _solved_anew(table, np.asarray(rows, dtype=np.int64), _checked(q), tools)
+    return _solved(table, np.asarray(rows, dtype=np.int64), _checked(q), tools)
 
 
 def _checked(q: ArrayLike) -> Array:
-    posture = np.asarray(q, dtype=float)
-    if posture.ndim != 1 or not np.isfinite(posture).all():
-        raise InvalidValue("q", posture.tolist(), "finite, shape (n,) [rad]")
-    return posture
+    here = np.asarray(q, dtype=float)
+    if here.ndim != 1 or not np.isfinite(here).all():
+        raise InvalidValue("q", here.tolist(), "finite, shape (n,) [rad]")
+    return here
 
 
 class _Found(NamedTuple):
-    """Postures (R, n) of some rows, and what became of them (R,)."""
+    """Configurations (R, n) of some rows, and their status (R,)."""
 
     q_grasp: Array
     q_pregrasp: Array
     status: np.ndarray
 
 
-def _solved_anew(table: ReachTable, rows: np.ndarray, posture: Array, tools: _Tools) -> ReachTable:
+def _solved(table: ReachTable, rows: np.ndarray, here: Array, tools: _Tools) -> ReachTable:
+    """Return the table with some rows solved again from the configuration ``here`` (n,)."""
     if not len(rows):
         return table
-    seeds = np.repeat(posture[None], len(rows), axis=0)
-    return _judged(table, rows, _followed(table, rows, posture, tools), seeds, tools)
+    seeds = np.repeat(here[None], len(rows), axis=0)
+    return _judged(table, rows, _found_from(table, rows, seeds, tools), seeds, tools)
 
 
-def _followed(table: ReachTable, rows: np.ndarray, posture: Array, tools: _Tools) -> _Found:
-    """Return the postures of rows that the arm gets to from ``posture``."""
-    q_pregrasp = np.repeat(posture[None], len(rows), axis=0)
+def _found_from(table: ReachTable, rows: np.ndarray, seeds: Array, tools: _Tools) -> _Found:
+    """Return the configurations of rows that the arm gets to from ``seeds``: one (n,) for all, repeated."""
+    q_pregrasp = seeds.copy()
     status = np.full(len(rows), PREGRASP_UNREACHABLE, dtype=np.int8)
-    found, solution = _solved(tools.solve, _flat(table.X_WP, rows), posture)
+    found, solution = _solve(tools.solve, _flat(table.X_WP, rows), seeds[0])
     q_pregrasp[found] = solution[found]
     q_grasp = q_pregrasp.copy()
     status[found] = UNREACHABLE
     if tools.motion is not None and len(found):
-        # The posture at the end of the line is the one the arm would have; another solution would not do.
-        end, gone = tools.motion.approach(q_pregrasp[found], _flat(table.X_WP, rows[found]), table.standoff)
-        q_grasp[found[gone]] = end[gone]
-        status[found[gone]] = REACHED
-        found = found[~gone]
-    reached, solution = _solved(tools.solve, _flat(table.X_WG, rows[found]), q_pregrasp[found])
+        # The configuration at the end of the line is the one the arm would have; another solution would not do.
+        end, reached = tools.motion.approach(
+            q_pregrasp[found], _flat(table.X_WP, rows[found]), table.standoff
+        )
+        q_grasp[found[reached]] = end[reached]
+        status[found[reached]] = REACHED
+        found = found[~reached]
+    reached, solution = _solve(tools.solve, _flat(table.X_WG, rows[found]), q_pregrasp[found])
     q_grasp[found[reached]] = solution[reached]
     status[found[reached]] = REACHED if tools.motion is None else NO_STRAIGHT_APPROACH
     return _Found(q_grasp, q_pregrasp, status)
 
 
-def _taken_over(
+def _solve(solve: SolveIk, X_WT: Pose, seeds: Array) -> tuple[np.ndarray, Array]:
+    """Return the indices of the poses that were reached, and all configurations (R, n)."""
+    if not len(X_WT):
+        return np.zeros(0, dtype=np.int64), np.zeros((0, seeds.shape[-1]))
+    solution = solve(X_WT, seeds)
+    q = np.asarray(solution[0], dtype=float)
+    success = np.asarray(solution[1], dtype=bool) & np.all(np.isfinite(q), axis=-1)
+    return np.flatnonzero(success), q
+
+
+def _rows_at_the_same_place(known: ReachTable, table: ReachTable) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of ``table`` whose grasp ``known`` has at exactly the same pose, and its rows there.
+
+    Both have the same number of twins. Grasps are identified by the names of their objects and their numbers.
+    """
+    new, old = table.candidates, known.candidates
+    found: list[np.ndarray] = [np.zeros((2, 0), dtype=np.int64)]
+    for name in new.object_names:
+        if name not in old.object_names:
+            continue
+        here = np.flatnonzero(new.object_index == new.object_names.index(name))
+        there = np.flatnonzero(old.object_index == old.object_names.index(name))
+        _, first, second = np.intersect1d(new.grasp_index[here], old.grasp_index[there], return_indices=True)
+        found.append(np.stack([here[first], there[second]]))
+    mine, its = np.concatenate(found, axis=1)
+    same = np.all(new.X_WG.quaternion[mine] == old.X_WG.quaternion[its], axis=1)
+    same &= np.all(new.X_WG.translation[mine] == old.X_WG.translation[its], axis=1)
+    twin = np.arange(table.twins)
+    rows, of_known = (candidates[same, None] * table.twins + twin for candidates in (mine, its))
+    return rows.ravel(), of_known.ravel()
+
+
+def _kept(
     table: ReachTable, rows: np.ndarray, known: ReachTable, of_old: np.ndarray, tools: _Tools
 ) -> ReachTable:
-    """Return the table with the postures that are known of some rows, judged in the scene as it is now."""
+    """Return the table with the configurations that are known of some rows, judged in the scene as it is now."""
     if not len(rows):
         return table
     n = known.seed.shape[-1]
@@ -282,61 +307,58 @@ def _judged(table: ReachTable, rows: np.ndarray, found: _Found, seeds: Array, to
         M[usable] = tools.manipulability.evaluate(tools.robot, q_grasp[usable])
     # A measure that is not a number (an overflow at the edge of the model) is no reason to prefer a grasp.
     M[~np.isfinite(M)] = 0.0
-    n = seeds.shape[1]
     return replace(
         table,
-        q_grasp=_with_rows(table.q_grasp, rows, q_grasp, (-1, n)),
-        q_pregrasp=_with_rows(table.q_pregrasp, rows, q_pregrasp, (-1, n)),
-        status=_with_rows(table.status, rows, status, (-1,)),
-        manipulability=_with_rows(table.manipulability, rows, M, (-1,)),
-        seed=_with_rows(table.seed, rows, seeds, (-1, n)),
-        columns=_measured(table, rows, found, seeds, usable, tools) if tools.columns else {},
+        q_grasp=_with_rows(table.q_grasp, rows, q_grasp),
+        q_pregrasp=_with_rows(table.q_pregrasp, rows, q_pregrasp),
+        status=_with_rows(table.status, rows, status),
+        manipulability=_with_rows(table.manipulability, rows, M),
+        seed=_with_rows(table.seed, rows, seeds),
+        columns=_columns(table, rows, found, seeds, usable, tools) if tools.columns else {},
     )
 
 
-def _measured(
+def _columns(
     table: ReachTable, rows: np.ndarray, found: _Found, seeds: Array, usable: np.ndarray, tools: _Tools
 ) -> dict[str, Array]:
     """Return the columns of the table with the ``usable`` ones of some rows measured."""
-    measured: dict[str, Array] = {}
+    new: dict[str, Array] = {}
     if len(usable):
         candidates, which = table.candidates, rows[usable]
-        names = np.array(candidates.object_names)[candidates.object_index[which // table.twins]]
-        asked = RowsToMeasure(
+        reached = ReachedRows(
             tools.robot,
             seeds[usable],
             found.q_pregrasp[usable],
             found.q_grasp[usable],
             _flat(table.X_WP, which),
             _flat(table.X_WG, which),
-            names,
+            np.array(candidates.object_names)[candidates.object_index[which // table.twins]],
         )
-        measured = column.measure(tools.columns, asked, tools.manipulability, tools.motion, tools.clear)
+        new = measured(tools.columns, reached, tools.manipulability, tools.motion, tools.clear)
     columns = {}
     for name in tools.columns:
         values = np.zeros(len(rows))
-        values[usable] = measured.get(name, 0.0)
-        columns[name] = _with_rows(table.columns[name], rows, values, (-1,))
+        values[usable] = new.get(name, 0.0)
+        columns[name] = _with_rows(table.columns[name], rows, values)
     return columns
 
 
-def _solved(solve: SolveIk, X_WT: Pose, seeds: Array) -> tuple[np.ndarray, Array]:
-    """Return the indices of the poses that were reached, and all postures (R, n)."""
-    if not len(X_WT):
-        return np.zeros(0, dtype=np.int64), np.zeros((0, seeds.shape[-1]))
-    solution = solve(X_WT, seeds)
-    postures = np.asarray(solution[0], dtype=float)
-    success = np.asarray(solution[1], dtype=bool) & np.all(np.isfinite(postures), axis=-1)
-    return np.flatnonzero(success), postures
+def _frozen(values: ArrayLike) -> np.ndarray:
+    array = np.asarray(values)
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
 
 
 def _flat(poses: Pose, rows: np.ndarray) -> Pose:
     return Pose(poses.quaternion.reshape(-1, 4)[rows], poses.translation.reshape(-1, 3)[rows])
 
 
-def _with_rows(values: np.ndarray, rows: np.ndarray, new: ArrayLike, flat: tuple[int, ...]) -> np.ndarray:
+def _with_rows(values: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Return values (N, T, ...) with those of ``rows`` replaced by ``new`` (R, ...)."""
     changed = np.array(values)
-    changed.reshape(flat)[rows] = new
+    changed.reshape(-1, *new.shape[1:])[rows] = new
     changed.flags.writeable = False
     return changed
 

@@ -69,6 +69,10 @@ class Selection:
         # lexsort takes its last key first, and keeps the order of the columns where all are equal.
         return columns[np.lexsort([key[k, columns] for key in reversed(turn)])]
 
+    def entering(self, k: int, stage: int) -> np.ndarray:
+        """Return the columns of object ``k`` that came as far as ``stage``, best first by its key."""
+        return self._ordered(k, np.flatnonzero(self.survivors[stage][k]), stage)
+
     @property
     def last_stage(self) -> int:
         """Number of the stage that names the winner."""

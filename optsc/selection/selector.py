@@ -14,15 +14,14 @@ from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.ik.batch import solve_ik
-from optsc.selection import columns
-from optsc.selection.filters import GraspFilter
+from optsc.selection.decision import RankingInputs, decide
+from optsc.selection.filters import GraspFilter, Vetoed
 from optsc.selection.grid import Grid, Situation
 from optsc.selection.hysteresis import Hysteresis, Viewpoint
-from optsc.selection.motion import StraightMotion
-from optsc.selection.ranking import Inputs, Ranking, decide
-from optsc.selection.reach import ClearRows, Measure, ReachTable, SolveIk, refresh, solve_reach
+from optsc.selection.ranking import Ranking
+from optsc.selection.reach import ClearRows, ReachTable, SolveIk, refresh, solve_reach
+from optsc.selection.reach_columns import Measure, StraightMotion, needed
 from optsc.selection.rules import Cascade, Rule
-from optsc.selection.veto import Vetoed
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
@@ -124,7 +123,7 @@ class GraspSelector:
         self._manipulability, self._solve, self._standoff = manipulability, solve, standoff
         self._refresh_angle, self._refresh_limit = refresh_angle, refresh_limit
         self._motion = motion
-        self._columns = columns.needed((*self.rule.costs, *self.filters))
+        self._columns = needed((*self.rule.costs, *self.filters))
         self._clear: ClearRows | None = None
         self._grid: Grid | None = None
         self.forget()
@@ -224,21 +223,21 @@ class GraspSelector:
         viewpoint = Viewpoint(quaternion, X_WT.translation, posture)
         if self.hysteresis is not None:
             viewpoint = self.hysteresis.dragged(self._viewpoint, viewpoint)
-        inputs = Inputs(self._grid, self.rule, self._in_force, *viewpoint)
+        inputs = RankingInputs(self._grid, self.rule, self._in_force, *viewpoint)
         if self.ranking is None or viewpoint is not self._viewpoint or not self.ranking.follows_from(inputs):
             self.ranking, self._viewpoint = self._ranked(inputs, budget, refresh_limit is not None), viewpoint
         return self.ranking
 
-    def _ranked(self, inputs: Inputs, budget: int, thorough: bool) -> Ranking:
+    def _ranked(self, inputs: RankingInputs, budget: int, thorough: bool) -> Ranking:
         """Decide, solve the finalists' outdated rows anew and decide again: once, or while the budget lasts.
 
         Every round has its price, so at an ordinary tick there is one, and the next ticks catch up.
         """
         while True:
-            situation, selection = decide(inputs)
-            rows = self._outdated(situation, selection.finalists(FINALISTS))
+            decision = decide(inputs)
+            rows = self._outdated(decision.situation, decision.selection.finalists(FINALISTS))
             if not len(rows) or budget <= 0:
-                return Ranking.of_decision(inputs, situation, selection, stale=len(rows) > 0)
+                return Ranking.of_decision(decision, stale=len(rows) > 0)
             grid = inputs.grid.with_table(self._refreshed(inputs.grid.table, rows[:budget], inputs.q))
             self._grid, inputs = grid, inputs._replace(grid=grid)
             budget = budget - len(rows) if thorough else 0

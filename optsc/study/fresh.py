@@ -21,8 +21,8 @@ from optsc.grasps import Candidates
 from optsc.robot import RobotModel
 from optsc.robot.manipulability import Manipulability
 from optsc.selection import GraspSelector, Ranking, ReachTable, Rule
-from optsc.selection.columns import needed
 from optsc.selection.reach import ClearRows
+from optsc.selection.reach_columns import needed
 from optsc.study.conditions import measure
 
 

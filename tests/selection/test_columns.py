@@ -26,22 +26,22 @@ from optsc.selection import (
     GraspClearance,
     GraspSelector,
     ManipulabilityLoss,
+    PathClearanceLoss,
+    PathLength,
+    PathManipulabilityLoss,
+    PathSpeed,
     QualityLoss,
     StraightMotion,
-    StraightWay,
-    WayClearanceLoss,
-    WayLength,
-    WayManipulabilityLoss,
-    WaySpeed,
+    StraightPathFilter,
     WeightedSum,
-    columns,
     solve_reach,
 )
+from optsc.selection import reach_columns as columns
 from optsc.selection.grid import Grid, situate
 
 HEIGHT = {"cube": 0.05, "post": 0.12}
-COSTS = (ClearanceLoss(0.08), WaySpeed(), WayManipulabilityLoss(), WayClearanceLoss(0.08))
-EVERYTHING = WeightedSum(tuple((cost, 1.0) for cost in (*COSTS, WayLength(), QualityLoss())))
+COSTS = (ClearanceLoss(0.08), PathSpeed(), PathManipulabilityLoss(), PathClearanceLoss(0.08))
+EVERYTHING = WeightedSum(tuple((cost, 1.0) for cost in (*COSTS, PathLength(), QualityLoss())))
 
 
 def block(x, y, z):
@@ -105,9 +105,9 @@ def observed():
 def test_only_what_a_rule_or_filter_reads_is_measured():
     robot, _ = arm()
     assert not GraspSelector(robot).observe(grasps(PLACES), robot.home).columns
-    filtered = GraspSelector(robot, filters=(AtMost(WaySpeed(), 0.5), StraightWay()))
+    filtered = GraspSelector(robot, filters=(AtMost(PathSpeed(), 0.5), StraightPathFilter()))
     table = filtered.observe(grasps(PLACES), robot.home)
-    assert set(table.columns) == {columns.WAY, columns.WAY_SPEED}
+    assert set(table.columns) == {columns.PATH, columns.PATH_SPEED}
     assert set(observed()[1].columns) == {column for cost in COSTS for column in cost.columns}
 
 
@@ -145,22 +145,22 @@ def test_predicted_motion_is_the_way_rolled_out_one_row_at_a_time():
         last = straight_line_rollout(robot, first.q, X_WP, X_WG, **settings)
         found = {name: values[i, t] for name, values in table.columns.items()}
         if not (first.completed[0] and last.completed[0]):
-            assert found[columns.WAY_SPEED] == columns.WORST_SPEED
-            assert found[columns.WAY_MANIPULABILITY] == 0.0
+            assert found[columns.PATH_SPEED] == columns.WORST_SPEED
+            assert found[columns.PATH_MANIPULABILITY] == 0.0
             continue
         gone += 1
-        assert found[columns.WAY_SPEED] == pytest.approx(max(first.speed[0], last.speed[0]), rel=1e-9)
+        assert found[columns.PATH_SPEED] == pytest.approx(max(first.speed[0], last.speed[0]), rel=1e-9)
         path = np.vstack([first.configurations[0, : first.steps[0]], last.configurations[0, : last.steps[0]]])
         M = Manipulability().evaluate(robot, path)
-        assert found[columns.WAY_MANIPULABILITY] >= M.min() - 1e-12
-        assert found[columns.WAY_MANIPULABILITY] <= np.median(M)
+        assert found[columns.PATH_MANIPULABILITY] >= M.min() - 1e-12
+        assert found[columns.PATH_MANIPULABILITY] <= np.median(M)
         touch = np.array(
             [""] * first.steps[0]
             + [table.candidates.object_names[table.candidates.object_index[i]]] * last.steps[0]
         )
         every = scene.measure(path, touch)
         least = max(np.minimum(every.own, every.world).min(), columns.OVERLAP)
-        assert least - 1e-12 <= found[columns.WAY_CLEARANCE] <= least + 0.05
+        assert least - 1e-12 <= found[columns.PATH_CLEARANCE] <= least + 0.05
     assert gone >= 3
 
 
@@ -169,7 +169,7 @@ def test_the_length_of_the_way_leads_by_the_pre_grasp():
     hand = random_hand(np.random.default_rng(70))
     situation = situate(Grid(table), hand.quaternion, hand.translation, np.zeros(7))
     expected = np.linalg.norm(table.X_WP.translation[:, 0] - hand.translation, axis=1) + 0.1
-    assert np.allclose(situation.grid.layout.gather(WayLength().values(situation)), expected, atol=1e-12)
+    assert np.allclose(situation.grid.layout.gather(PathLength().values(situation)), expected, atol=1e-12)
 
 
 def test_enough_clearance_costs_nothing_and_more_is_worth_nothing():
@@ -182,7 +182,7 @@ def test_enough_clearance_costs_nothing_and_more_is_worth_nothing():
     assert np.allclose(cost[clearance < 0.04], 0.04 - clearance[clearance < 0.04])
     assert ClearanceLoss(0.04).describe(0.01) == "clearance 0.03 m"
     assert ClearanceLoss(0.04).describe(0.0) == "clearance at least 0.04 m"
-    for cost_type in (ClearanceLoss, WayClearanceLoss):
+    for cost_type in (ClearanceLoss, PathClearanceLoss):
         with pytest.raises(InvalidValue, match="enough"):
             cost_type(0.5)
 
@@ -227,8 +227,8 @@ def test_columns_that_cannot_be_measured_are_refused_before_anything_is_solved()
         )
     settings = {"solve": solve_all, "manipulability": SmoothMeasure()}
     with pytest.raises(InvalidValue, match="StraightMotion"):
-        solve_reach(ROBOT, candidates, np.zeros(JOINTS), columns=frozenset({columns.WAY}), **settings)
-    with pytest.raises(UnknownName, match="clearance on the way"):
+        solve_reach(ROBOT, candidates, np.zeros(JOINTS), columns=frozenset({columns.PATH}), **settings)
+    with pytest.raises(UnknownName, match="clearance on the path"):
         solve_reach(ROBOT, candidates, np.zeros(JOINTS), columns=frozenset({"beauty"}), **settings)
     with pytest.raises(InvalidValue, match="also"):
         GraspSelector(robot, EVERYTHING).use(table_of(random_candidates(np.random.default_rng(72), (3,))))

@@ -11,16 +11,16 @@ from optsc.selection import (
     JointTravel,
     ManipulabilityLoss,
     OrientationDistance,
+    PathClearanceLoss,
+    PathLength,
+    PathManipulabilityLoss,
+    PathSpeed,
     PoseDistance,
     PositionDistance,
     QualityLoss,
-    StraightWay,
+    StraightPathFilter,
     TableCost,
     Vetoed,
-    WayClearanceLoss,
-    WayLength,
-    WayManipulabilityLoss,
-    WaySpeed,
 )
 from optsc.selection.costs import SumOfCosts
 from optsc.study.sweep.space import COSTS
@@ -35,11 +35,11 @@ ALL = [
     POSE,
     PositionDistance(),
     QualityLoss(),
-    SumOfCosts(((POSE, 1.0), (ManipulabilityLoss(), 0.2), (JointTravel(), 0.01), (WaySpeed(), 0.0))),
-    WayClearanceLoss(0.08),
-    WayLength(),
-    WayManipulabilityLoss(),
-    WaySpeed(),
+    SumOfCosts(((POSE, 1.0), (ManipulabilityLoss(), 0.2), (JointTravel(), 0.01), (PathSpeed(), 0.0))),
+    PathClearanceLoss(0.08),
+    PathLength(),
+    PathManipulabilityLoss(),
+    PathSpeed(),
 ]
 
 
@@ -59,7 +59,12 @@ class TestCosts(GraspCostContract):
 class TestFilters(GraspFilterContract):
     @pytest.fixture(
         autouse=True,
-        params=[AtMost(POSE, 0.2), AtMost(WaySpeed(), 0.5), StraightWay(), Vetoed(frozenset({("can", 3)}))],
+        params=[
+            AtMost(POSE, 0.2),
+            AtMost(PathSpeed(), 0.5),
+            StraightPathFilter(),
+            Vetoed(frozenset({("can", 3)})),
+        ],
     )
     def _each(self, request):
         self.filter = request.param

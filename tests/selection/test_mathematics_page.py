@@ -12,8 +12,7 @@ from optsc.robot import load_robot
 from optsc.robot.clearance import HORIZON
 from optsc.robot.manipulability import DEFINITIONS, Manipulability
 from optsc.robot.rollout import STEP_TIME
-from optsc.selection.columns import WORST_SPEED
-from optsc.selection.motion import TO_GRASP, TO_PREGRASP
+from optsc.selection.reach_columns import TO_GRASP, TO_PREGRASP, WORST_SPEED
 
 PAGE = Path(__file__).parents[2] / "docs" / "mathematics.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)

@@ -408,5 +408,5 @@ def test_a_ranking_stays_what_it_was_when_the_selector_goes_on():
     selector.rank(hands[0], Q + 1.0, refresh_limit=50)
     for hand, ranking in zip(hands, rankings, strict=True):
         again = ranking.explain(), ranking.order.tolist()
-        fresh = rank(ranking.view.situation.grid.table, hand)
+        fresh = rank(ranking.decision.situation.grid.table, hand)
         assert again == (fresh.explain(), fresh.order.tolist())

@@ -150,7 +150,7 @@ def test_the_finalists_are_judged_by_the_posture_driven_to_from_the_present_one(
     assert not ranking.stale
     fresh = table_of(selector.candidates, 20 * Q)
     final = np.isin(ranking.rejected_by, ["", "manipulability stage"])
-    twin = ranking.view.situation.grid.layout.gather(ranking.view.situation.turned).astype(int)
+    twin = ranking.decision.situation.grid.layout.gather(ranking.decision.situation.turned).astype(int)
     rows = np.flatnonzero(final), twin[final]
     assert final.sum() == 12
     assert np.array_equal(selector.table.manipulability[rows], fresh.manipulability[rows])
