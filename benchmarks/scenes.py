@@ -26,7 +26,8 @@ MEASURES = ("path_length_m", "rotation_rad", "duration_s", "sparc", "ldlj")
 
 def one_scene(job):
     """Run one scene and return its summary."""
-    from optsc.demo.demonstration import run_demo, save
+    from optsc.demo.demonstration import run_demo
+    from optsc.demo.summary import save
     from optsc.robot import load_robot
 
     robot, objects, seed, output, perception = job

@@ -25,13 +25,13 @@ import numpy as np
 import optsc
 from benchmarks.machine import markdown_table, save
 from optsc.demo.demonstration import load_or_build
-from optsc.demo.episode import clearance
 from optsc.geometry import Pose, rotation
 from optsc.operators import HandRecording
 from optsc.people.motor import SimulatedHand
 from optsc.people.parameters import HumanParameters
 from optsc.selection import Cascade, Hysteresis, ManipulabilityLoss, OrientationDistance, PositionDistance
 from optsc.sim import tabletop
+from optsc.study.episode_setup import true_scene
 
 RATE = 50.0
 """Rankings per second [Hz], as the controller makes them."""
@@ -140,7 +140,8 @@ def one_scene(robot, seed: int, seconds: float, poses: int, say) -> dict[tuple[s
     world = tabletop(robot, ("mug", "can", "box"), seed=seed)
     library = load_or_build(world, None, say)
     first = optsc.GraspSelector(robot, Cascade.paper())
-    table = first.observe(library.place(world.X_WO), robot.home, clear=clearance(world))
+    candidates, clear = true_scene(world, library)
+    table = first.observe(candidates, robot.home, clear=clear)
     recording = HandRecording.example()
     found: dict[tuple[str, str], list] = {}
     for X in start_poses(table, rng, poses):

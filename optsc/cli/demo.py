@@ -43,7 +43,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the demonstration; a failed lift is a result, not an error."""
-    from optsc.demo.demonstration import run_demo, save, table
+    from optsc.demo.demonstration import run_demo
+    from optsc.demo.summary import save, table
     from optsc.robot import load_robot
 
     check_display(options)
@@ -65,6 +66,6 @@ def run(options: argparse.Namespace) -> int:
     print(f"{facts['ticks']} ticks, median {facts['tick_p50_us']:.0f} us, p99 {facts['tick_p99_us']:.0f} us")
     print(f"limit violations: {kinds}; interventions: {facts['interventions']}")
     if options.perception:
-        print(f"what the camera saw: {options.output / 'seen.png'}")
+        print(f"camera observation: {options.output / 'seen.png'}")
     print(f"picture: {options.output / 'approach.png'}\nnumbers: {options.output / 'summary.json'}")
     return 0

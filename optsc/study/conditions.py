@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
-from optsc.errors import InvalidValue, UnknownName
+from optsc.checks import AtLeast, Checked, OneOf
+from optsc.errors import UnknownName
 from optsc.operators import Operator
-from optsc.people import Simulated, operator_type
+from optsc.people import TYPES, Simulated, operator_type
 from optsc.robot.manipulability import DEFINITIONS, Manipulability
 from optsc.selection import Cascade, Rule
 from optsc.study.fingerprint import Plain, fingerprint, plain
 
 
 @dataclass(frozen=True)
-class OperatorSpec:
+class OperatorSpec(Checked):
     """A simulated operator as a value.
 
     Attributes:
@@ -24,25 +25,20 @@ class OperatorSpec:
         seed: of everything random; the same seed under every condition gives common random numbers.
     """
 
-    kind: str = "typical"
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        operator_type(self.kind)
-        if self.seed < 0:
-            raise InvalidValue("seed of a person", self.seed, "0 or more")
+    kind: Annotated[str, OneOf(TYPES, "operator type")] = "typical"
+    seed: Annotated[int, AtLeast(0)] = 0
 
     @property
     def steps_in(self) -> bool:
-        """Whether the person takes over again on the way."""
+        """Whether the operator takes over again during the approach."""
         return operator_type(self.kind).changes_mind_after is not None
 
     def operator(self, goal: str, objects: Collection[str], *, by_hand: bool = False) -> Operator:
-        """Return a person who wants ``goal`` of ``objects``, fresh for one run."""
+        """Return an operator for one run who wants ``goal`` of ``objects``."""
         return Simulated.of_type(self.kind, goal, objects, seed=self.seed, by_hand=by_hand)
 
     def describe(self) -> Plain:
-        """Return everything that determines the person, habits in full."""
+        """Return everything that determines the operator, motor parameters in full."""
         return plain([self, operator_type(self.kind)])
 
 
@@ -57,7 +53,7 @@ def measure(name: str) -> Manipulability:
 
 
 @dataclass(frozen=True)
-class Condition:
+class Condition(Checked):
     """How the target is chosen.
 
     Attributes:
@@ -69,11 +65,8 @@ class Condition:
 
     name: str
     rule: Rule
-    measure: str = DEFAULT_MEASURE
+    measure: Annotated[str, OneOf(DEFINITIONS, "definition of M")] = DEFAULT_MEASURE
     about: Mapping[str, Any] = field(default_factory=dict, compare=False, hash=False)
-
-    def __post_init__(self) -> None:
-        measure(self.measure)
 
     @cached_property
     def key(self) -> str:

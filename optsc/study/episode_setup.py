@@ -1,25 +1,28 @@
-"""A scene made ready for any number of conditions: world, grasps, collisions, reach tables."""
+"""Episode setup: a scene with its grasps, collision check, controller and follower, for any number of conditions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 import optsc
+from optsc.checks import Checked, OneOf, Positive
 from optsc.control.approach import Approach
 from optsc.control.arbitration import Arbitration
 from optsc.control.controller import SharedController
-from optsc.errors import InvalidValue, UnknownName
 from optsc.followers import IdealFollower
+from optsc.grasps import GraspLibrary
 from optsc.operators import ClutchSettings
 from optsc.people.simulated import R_WS_DEFAULT
+from optsc.records import SceneUpdate
 from optsc.robot import RobotModel
 from optsc.robot.collision import CollisionModel
-from optsc.selection import GraspClearance
+from optsc.selection import GraspClearance, GraspSelector
+from optsc.sim import Tabletop
 from optsc.study.conditions import PAPER, Condition, OperatorSpec
 from optsc.study.fingerprint import fingerprint, plain
 from optsc.study.fresh import FreshSelector, Tables
@@ -36,31 +39,41 @@ LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True)
-class EpisodeSettings:
+class EpisodeSettings(Checked):
     """What all conditions of a study share.
 
     Attributes:
         rate: control rate [Hz].
-        longest: an episode that has not handed over by then [s] never does.
-        follower: ``ideal``, an arm that is where it was told to be, or ``pybullet``, one in a simulated world.
+        longest: time limit [s]; of an approach, up to the hand-over.
+        follower: ``ideal``, an arm that is where it was commanded to be, or ``pybullet``, one in a simulated world.
         approach: how the robot moves by itself.
         library: folder of a grasp library (`optsc.GraspLibrary`) whose grasps are chosen from, such as imported or
-            seen ones; by default grasps are sampled on the objects. Rows are told apart by the grasps and not by the
-            folder, which has to be there for every process.
+            observed ones; by default grasps are sampled on the objects. Rows are told apart by the grasps and not by
+            the folder, which has to be there for every process.
     """
 
-    rate: float = 250.0
-    longest: float = 30.0
-    follower: str = "ideal"
+    rate: Annotated[float, Positive] = 250.0
+    longest: Annotated[float, Positive] = 30.0
+    follower: Annotated[str, OneOf(FOLLOWERS, "follower")] = "ideal"
     approach: Approach = field(default_factory=Approach)
     library: str | Path | None = None
 
-    def __post_init__(self) -> None:
-        if self.follower not in FOLLOWERS:
-            raise UnknownName("follower", self.follower, FOLLOWERS)
-        for name in ("rate", "longest"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise InvalidValue(name, getattr(self, name), "positive and finite")
+
+def true_scene(world: Tabletop, library: GraspLibrary) -> SceneUpdate:
+    """Return the grasps of ``library`` where the objects of ``world`` are, and the collision check of the arm."""
+    obstacles = {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()}
+    clear = GraspClearance(collision_model(world.robot).scene(obstacles))
+    return SceneUpdate(library.place(world.X_WO), clear)
+
+
+def controller_with(
+    selector: GraspSelector, approach: Approach, arbitration: Arbitration | None = None
+) -> SharedController:
+    """Return a controller that chooses by ``selector``, with the simulated operators' mapping of the hand."""
+    clutch = ClutchSettings(R_WS=R_WS_DEFAULT)
+    return SharedController(
+        selector.robot, selector, arbitration=arbitration, approach=approach, clutch=clutch
+    )
 
 
 @lru_cache(maxsize=4)
@@ -85,16 +98,23 @@ def episode_key(scene: Scene, person: OperatorSpec, settings: EpisodeSettings) -
 
 
 class EpisodeSetup:
-    """A scene made ready: the world, its candidates, and which of them the arm can carry out."""
+    """A scene with everything that an episode in it needs.
+
+    Attributes:
+        scene, settings: what it was made from.
+        world, robot: the tabletop, and the arm before it.
+        library, candidates: grasps of the objects, and the same where the objects are.
+        clear: which candidates the arm can reach without collision.
+        tables: solved reach tables, shared by the controllers that are given them.
+        paper: the paper's condition.
+    """
 
     def __init__(self, scene: Scene, settings: EpisodeSettings) -> None:
         self.scene, self.settings = scene, settings
         self.world = scene.world()
         self.robot = self.world.robot
         self.library = library_of(self.robot, tuple(self.world.objects.values()), settings.library)
-        self.candidates = self.library.place(self.world.X_WO)
-        obstacles = {name: (model.parts, self.world.X_WO[name]) for name, model in self.world.objects.items()}
-        self.clear = GraspClearance(collision_model(self.robot).scene(obstacles))
+        self.candidates, self.clear = true_scene(self.world, self.library)
         self.tables = Tables()
         self.paper = PAPER
 
@@ -104,16 +124,13 @@ class EpisodeSetup:
         """Return a controller for ``condition``, with solved tables of its own unless given some."""
         approach = self.settings.approach
         selector = FreshSelector(self.robot, condition.rule, condition.measure, approach, tables)
-        clutch = ClutchSettings(R_WS=R_WS_DEFAULT)
-        return SharedController(
-            self.robot, selector, arbitration=arbitration, approach=approach, clutch=clutch
-        )
+        return controller_with(selector, approach, arbitration)
 
     def follower(self, *, gui: bool = False) -> IdealFollower | PyBulletFollower:
         """Return a new follower of the kind that the settings name; it needs closing."""
         if self.settings.follower == "ideal":
             return IdealFollower(self.robot, self.world.X_WO)
-        # Whoever needs no physics need not load the engine.
+        # Studies without physics do not load the engine.
         from optsc.sim.follower import PyBulletFollower
 
         return PyBulletFollower(self.world, gui=gui)

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
-from optsc.viewers.figure_data import MANIPULABILITY_ONLY, PROPOSED, Curve, SelectedGrasps
+from optsc.viewers.figure_data import BASELINE_COLOUR, PROPOSED_COLOUR, Curve, SelectedGrasps
 from optsc.viewers.figure_scene import draw_situation, region
 from optsc.viewers.figure_views import INK, draw_legend, draw_views
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["MANIPULABILITY_ONLY", "PROPOSED", "Curve", "SelectedGrasps", "approach_figure", "save_figure"]
+__all__ = ["BASELINE_COLOUR", "PROPOSED_COLOUR", "Curve", "SelectedGrasps", "approach_figure", "save_figure"]
 
 OBJECT_COLOURS = ("#3a9d6e", "#8a63b0", "#c04a60", "#8c6d31", "#4aa3a2", "#7a8794")
 """One for each object, apart from those of the two strategies."""

@@ -12,7 +12,7 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.metrics import path_length
 
-PROPOSED, MANIPULABILITY_ONLY = "#e8710a", "#1f6fb4"
+PROPOSED_COLOUR, BASELINE_COLOUR = "#e8710a", "#1f6fb4"
 """The paper's colours: orange with the person's preference in it, blue without."""
 
 
@@ -46,7 +46,7 @@ class Curve:
     label: str
     p: Array
     automatic: np.ndarray
-    colour: str = PROPOSED
+    colour: str = PROPOSED_COLOUR
     X_WG: Pose | None = None
 
     def __post_init__(self) -> None:

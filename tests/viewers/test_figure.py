@@ -8,8 +8,8 @@ from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.viewers import shapes
 from optsc.viewers.figure import (
-    MANIPULABILITY_ONLY,
-    PROPOSED,
+    BASELINE_COLOUR,
+    PROPOSED_COLOUR,
     Curve,
     SelectedGrasps,
     approach_figure,
@@ -32,13 +32,13 @@ X_WG = Pose.from_quaternion(DOWN, [0.5, 0.1, 0.07])
 SITUATION = SelectedGrasps("pose 1", Pose.from_quaternion(DOWN, [0.4, 0.0, 0.25]), {"box": X_WG})
 
 
-def way(bend, colour=PROPOSED, label="proposed", marker=X_WG):
+def way(bend, colour=PROPOSED_COLOUR, label="proposed", marker=X_WG):
     s = np.linspace(0.0, 1.0, 50)
     p = np.column_stack([0.35 + 0.15 * s, 0.1 * s, 0.4 - 0.33 * s + bend * np.sin(np.pi * s)])
     return Curve(label, p, s > 0.395, colour, marker)
 
 
-CURVES = [way(0.0), way(0.08, MANIPULABILITY_ONLY, "manipulability only", None)]
+CURVES = [way(0.0), way(0.08, BASELINE_COLOUR, "manipulability only", None)]
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from optsc.control.modes import Event, Mode
-from optsc.demo.episode import PAPER, Setting, build_controller
-from optsc.demo.seen import seen_facts, true_names
-from optsc.demo.sight import Sight
+from optsc.demo.episode import DemoSetup
+from optsc.demo.observation import SceneObservation, perception_summary, true_names
 from optsc.followers import IdealFollower
 from optsc.geometry import PinholeCamera, Pose
 from optsc.people.parameters import Intention
@@ -19,6 +18,7 @@ from optsc.robot import load_robot
 from optsc.sampling.settings import AntipodalSettings
 from optsc.session import replay, run
 from optsc.sim import Tabletop, object_model
+from optsc.study.conditions import PAPER
 
 SMALL = PinholeCamera.from_field_of_view(320, 240, 0.75)
 FEW = ObserverSettings(grasps=AntipodalSettings.for_clouds(count=20))
@@ -52,30 +52,30 @@ def world():
 
 
 @pytest.fixture(scope="module")
-def sight(world):
-    with Sight(world, templates=("can", "box"), settings=FEW, camera=SMALL) as sight:
-        yield sight
+def observation(world):
+    with SceneObservation(world, templates=("can", "box"), settings=FEW, camera=SMALL) as observation:
+        yield observation
 
 
 @pytest.fixture
-def controller(world, sight):
-    return build_controller(Setting(world, sight.first.library, 0), PAPER)
+def controller(world, observation):
+    return DemoSetup(world, observation.first.library, 0).controller(PAPER)
 
 
-def watched(controller, sight, follower, operator, duration, **options):
-    looks, scene = sight.watch(follower), sight.update(sight.first)
+def watched(controller, observation, follower, operator, duration, **options):
+    during, scene = observation.watch(follower), observation.update(observation.first)
     done = run(
         controller,
         operator=operator,
         follower=follower,
         candidates=scene.candidates,
         clear=scene.clear,
-        watch=looks,
+        watch=during,
         watch_period=PERIOD,
         duration=duration,
         **options,
     )
-    return done, looks
+    return done, during
 
 
 def reaching():
@@ -85,26 +85,26 @@ def reaching():
 THERE = Pose.from_translation([0.42, 0.05, 0.0])
 
 
-def test_the_controller_hears_of_a_motion_within_one_scene_tick(controller, sight, world):
-    done, looks = watched(controller, sight, MovingObjects(world, MOVES_AT, THERE), Nobody(), 0.7)
+def test_the_controller_hears_of_a_motion_within_one_scene_tick(controller, observation, world):
+    done, during = watched(controller, observation, MovingObjects(world, MOVES_AT, THERE), Nobody(), 0.7)
     (index,) = done.updates
     assert MOVES_AT <= done[index].time <= MOVES_AT + PERIOD
-    assert [(event.kind, event.name) for _, event in looks.events] == [(SceneEventKind.MOVED, "can")]
+    assert [(event.kind, event.name) for _, event in during.events] == [(SceneEventKind.MOVED, "can")]
     heard = done.updates[index].candidates
     can = np.array(heard.object_names)[heard.object_index] == "can"
     middle = np.median(heard.X_WG[can].translation[:, :2], axis=0)
     assert np.linalg.norm(middle - THERE.translation[:2]) < 0.03
 
 
-def test_a_scene_that_stands_still_is_never_told_again(controller, sight, world):
-    done, looks = watched(controller, sight, IdealFollower(world.robot, world.X_WO), Nobody(), 0.7)
-    assert len(looks.seconds) == 2
-    assert (dict(done.updates), looks.events) == ({}, [])
-    assert looks.memory.library is sight.first.library
+def test_a_scene_that_stands_still_is_never_reported_again(controller, observation, world):
+    done, during = watched(controller, observation, IdealFollower(world.robot, world.X_WO), Nobody(), 0.7)
+    assert len(during.seconds) == 2
+    assert (dict(done.updates), during.events) == ({}, [])
+    assert during.state.library is observation.first.library
 
 
-def test_a_watched_run_replays_bit_for_bit(controller, sight, world):
-    done, _ = watched(controller, sight, MovingObjects(world, MOVES_AT, THERE), reaching(), 2.0)
+def test_a_watched_run_replays_bit_for_bit(controller, observation, world):
+    done, _ = watched(controller, observation, MovingObjects(world, MOVES_AT, THERE), reaching(), 2.0)
     assert len(done.updates) == 1
     inputs = RunInputs(
         {**done.about, "rate": done.rate},
@@ -112,8 +112,8 @@ def test_a_watched_run_replays_bit_for_bit(controller, sight, world):
         tuple(tick.measured for tick in done),
         done.commands,
     )
-    scene = sight.update(sight.first)
-    fresh = build_controller(Setting(world, sight.first.library, 0), PAPER)
+    scene = observation.update(observation.first)
+    fresh = DemoSetup(world, observation.first.library, 0).controller(PAPER)
     again = replay(fresh, inputs, scene.candidates, scene.clear, done.updates)
     assert again.commands.tobytes() == done.commands.tobytes()
     deaf = replay(fresh, inputs, scene.candidates, scene.clear)
@@ -123,20 +123,20 @@ def test_a_watched_run_replays_bit_for_bit(controller, sight, world):
     )
 
 
-def told_once(world, sight, mode, at):
+def reported_once(world, observation, mode, at):
     """Return a watch that says once, as soon as the robot is in a mode, that the can is somewhere else or nowhere."""
 
-    def look(time, measured):
+    def watch(time, measured):
         if told or not modes or modes[-1] is not mode:
             return None
         told.append(time)
-        memory = sight.first
-        known = memory.objects["can"]
+        state = observation.first
+        known = state.objects["can"]
         moved = None if at is None else known.at(Pose.from_translation(at) @ known.X_WO)
-        return sight.update(memory.without("can") if moved is None else memory.with_object(moved))
+        return observation.update(state.without("can") if moved is None else state.with_object(moved))
 
     told, modes = [], []
-    return look, modes
+    return watch, modes
 
 
 @pytest.mark.parametrize(
@@ -149,16 +149,18 @@ def told_once(world, sight, mode, at):
         (Mode.LIFT, None, ""),
     ],
 )
-def test_the_robot_does_not_drive_on_to_what_is_no_longer_there(controller, sight, world, mode, at, words):
-    look, modes = told_once(world, sight, mode, at)
-    scene = sight.update(sight.first)
+def test_the_robot_does_not_drive_on_to_what_is_no_longer_there(
+    controller, observation, world, mode, at, words
+):
+    watch, modes = reported_once(world, observation, mode, at)
+    scene = observation.update(observation.first)
     done = run(
         controller,
         operator=reaching(),
         follower=IdealFollower(world.robot, world.X_WO),
         candidates=scene.candidates,
         clear=scene.clear,
-        watch=look,
+        watch=watch,
         watch_period=0.05,
         duration=16.0,
         rate=250.0,
@@ -170,10 +172,10 @@ def test_the_robot_does_not_drive_on_to_what_is_no_longer_there(controller, sigh
     assert done[index + 1].mode is (Mode.HOLD if words else mode)
 
 
-def test_what_was_seen_is_compared_with_the_truth(sight):
-    assert true_names(sight) == {"can": "can", "box": "box"}
-    looks = SimpleNamespace(seconds=[0.1, 0.3], events=[(1.0, sight.events[0])])
-    facts = seen_facts(sight, [looks])
+def test_what_was_seen_is_compared_with_the_truth(observation):
+    assert true_names(observation) == {"can": "can", "box": "box"}
+    during = SimpleNamespace(seconds=[0.1, 0.3], events=[(1.0, observation.events[0])])
+    facts = perception_summary(observation, [during])
     assert facts["not_objects"] == []
     assert facts["looks"] == 2
     assert facts["events"][0]["news"] == "STORED"

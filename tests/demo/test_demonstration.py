@@ -7,29 +7,34 @@ import numpy as np
 import pytest
 
 from optsc.control.modes import Mode
-from optsc.demo.demonstration import Demo, load_or_build, plans, run_demo, save, summary, table
-from optsc.demo.episode import PAPER, STRATEGIES, Setting, run_episode
+from optsc.demo.demonstration import Demo, load_or_build, plans, run_demo
+from optsc.demo.episode import DemoSetup, run_episode
+from optsc.demo.summary import save, summary, table
 from optsc.people.parameters import Intention
 from optsc.robot import load_robot
 from optsc.sim import tabletop
 from optsc.sim.follower import PyBulletFollower
+from optsc.study.approach import STRATEGIES
+from optsc.study.conditions import PAPER
 from optsc.study.lifting import LIFT_HEIGHT
 
 
 @pytest.fixture(scope="module")
-def setting(tmp_path_factory):
+def setup(tmp_path_factory):
     world = tabletop(load_robot("panda"), objects=("can", "box"), seed=2)
-    return Setting(world, load_or_build(world, tmp_path_factory.mktemp("grasps"), lambda text: None), seed=2)
+    return DemoSetup(
+        world, load_or_build(world, tmp_path_factory.mktemp("grasps"), lambda text: None), seed=2
+    )
 
 
 @pytest.fixture(scope="module")
-def demo(setting):
+def demo(setup):
     episodes = {}
-    with PyBulletFollower(setting.world) as follower:
-        for strategy in STRATEGIES:
-            for name, plan in plans(setting.world.objects).items():
-                episodes[strategy.name, name] = run_episode(setting, strategy, plan, follower)
-    return Demo(setting, episodes, intervened="can")
+    with PyBulletFollower(setup.world) as follower:
+        for condition in STRATEGIES:
+            for name, plan in plans(setup.world.objects).items():
+                episodes[condition.name, name] = run_episode(setup, condition, plan, follower)
+    return Demo(setup, episodes, intervened="can")
 
 
 def test_the_summary_says_what_was_measured(demo, tmp_path):
@@ -38,7 +43,7 @@ def test_the_summary_says_what_was_measured(demo, tmp_path):
     assert set(facts["objects"]) == {"can", "box"}
     for row in facts["objects"].values():
         assert row["candidates"] == 150
-        for strategy in STRATEGIES:
+        for condition in STRATEGIES:
             assert {
                 "lifted",
                 "path_length_m",
@@ -47,7 +52,7 @@ def test_the_summary_says_what_was_measured(demo, tmp_path):
                 "sparc",
                 "ldlj",
                 "switch_jump",
-            } <= set(row[strategy.name])
+            } <= set(row[condition.name])
     assert facts["limit_violations"] == {"position": 0, "velocity": 0, "acceleration": 0, "jerk": 0}
     assert facts["interventions"] == 2
     assert facts["ticks"] == sum(len(episode.run) for episode in demo.episodes.values())
@@ -71,20 +76,20 @@ def test_the_operator_steps_in_once_and_the_command_does_not_step(demo):
     assert modes[0] is Mode.APPROACH
     assert modes[modes.index(Mode.MANUAL) + 1] is Mode.APPROACH
     assert modes.count(Mode.MANUAL) == 1
-    limits = demo.setting.world.robot.limits
+    limits = demo.setup.world.robot.limits
     assert np.all(np.abs(np.diff(episode.run.v, axis=0)) <= limits.acceleration / 500.0 * (1 + 1e-9))
 
 
 def test_operators_of_one_seed_move_alike_until_the_robot_takes_over(demo):
-    one, other = (demo.episodes[strategy.name, "box"].run for strategy in STRATEGIES)
+    one, other = (demo.episodes[condition.name, "box"].run for condition in STRATEGIES)
     switch = demo.episodes["paper", "box"].switch
     assert one.commands[:switch].tobytes() == other.commands[:switch].tobytes()
 
 
 def test_the_same_seed_gives_the_same_motion_to_the_byte(demo):
-    setting = demo.setting
-    with PyBulletFollower(setting.world) as follower:
-        again = run_episode(setting, PAPER, (Intention("box"),), follower)
+    setup = demo.setup
+    with PyBulletFollower(setup.world) as follower:
+        again = run_episode(setup, PAPER, (Intention("box"),), follower)
     assert again.run.commands.tobytes() == demo.episodes["paper", "box"].run.commands.tobytes()
 
 
