@@ -22,13 +22,9 @@ jobs = cases.jobs([*sweep.conditions(points), optsc.study.PAPER])
 store = sweep.RowStore(Path(sys.argv[1] if len(sys.argv) > 1 else "sweep-rows"))
 # One process is enough for three scenes; leave `workers` out and there is one for each core.
 rows = sweep.run_jobs(jobs, store, workers=0)
-settled = sweep.setting_results(rows)  # each setting by its means over the scenes
+settings = sweep.setting_results(rows)  # each setting by its means over the scenes, as a pandas table
 
-print(f"{'setting':>8} {'orient.':>8} {'position':>8} {'manip.':>8} {'travel':>8} {'path [m]':>9} {'M':>7}")
-for setting in sorted(settled, key=lambda s: s.row["path_length_m"]):
-    row = setting.row
-    if setting.best or row["condition"] == "paper":
-        weights = "".join(f" {row.get(f'at_{d.name}', '-'):>8.4}" for d in dimensions)
-        print(f"{row['condition']:>8}{weights} {row['path_length_m']:9.3f} {row['target_yoshikawa']:7.4f}")
-best = sum(setting.best for setting in settled)
-print(f"{best} of {len(settled)} settings are on the front of path and manipulability")
+shown = settings[settings["best"] | (settings["condition"] == "paper")].sort_values("path_length_m")
+columns = ["condition", *(f"at_{d.name}" for d in dimensions), "path_length_m", "target_yoshikawa"]
+print(shown[columns].to_string(index=False, na_rep="-", float_format="{:.3f}".format))
+print(f"{settings['best'].sum()} of {len(settings)} settings are on the front of path and manipulability")

@@ -48,6 +48,7 @@ FENCES = {
     "open3d": {"perception"},
     "PIL": {"perception"},
     "h5py": {"sampling"},
+    "pandas": {"study"},
     "pyarrow": {"study"},
     "distributed": {"study"},
     "optuna": {"study"},

@@ -109,6 +109,7 @@ def add_parser(subparsers: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the sweep and write tables, summary and report."""
     from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER
+    from optsc.study.sweep.report import save_report
     from optsc.study.sweep.space import Dimension, conditions
 
     _check(options)
@@ -124,7 +125,18 @@ def run(options: argparse.Namespace) -> int:
         print(f"{len(varied)} settings, {len(cases.pairs())} cases", flush=True)
         jobs = cases.jobs([*varied, PAPER, MANIPULABILITY_ONLY])
         rows = compute(options, jobs)
-        return _report(options, jobs, rows, objectives)
+        page, best = save_report(
+            rows,
+            jobs,
+            objectives,
+            options.output,
+            command_line(),
+            searched=bool(options.objectives),
+            stability_cases=options.stability,
+            seed=options.seed,
+        )
+        print(f"{len(rows)} rows, {best} settings on the Pareto front\nreport: {page}")
+        return 0
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -208,82 +220,3 @@ def _searched(options: argparse.Namespace, cases: Any, dimensions: Any, objectiv
     rows = [{"trial": t.number, **t.point, **t.values, "success": t.success, "best": t.best} for t in trials]
     save_rows(rows, options.output, "trials")
     return [trial.point for trial in trials]
-
-
-def _report(options: argparse.Namespace, jobs: Any, rows: Any, objectives: dict[str, str]) -> int:
-    from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER
-    from optsc.study.results_folder import save_rows, save_summary
-    from optsc.study.sweep.report import build, rows_of
-    from optsc.study.sweep.results import setting_results, trade_off_of
-
-    references, trade_off = {PAPER.name, MANIPULABILITY_ONLY.name}, trade_off_of(objectives)
-    settled = setting_results([row for row in rows if row["condition"] not in references], trade_off)
-    compared = setting_results([row for row in rows if row["condition"] in references])
-    save_rows(rows, options.output)
-    save_rows(rows_of([*compared, *settled]), options.output, "settings")
-    stabilities = _stabilities(options, jobs, settled, trade_off)
-    report = build(settled, compared, stabilities, command_line(), rows=rows, jobs=jobs)
-    if options.objectives:
-        _add_objectives(report, settled, compared, objectives)
-    page = report.save(options.output)
-    best = [s.row for s in settled if s.best]
-    facts = {
-        "command": command_line(),
-        "seed": options.seed,
-        "settings": len(settled),
-        "cases": len(jobs),
-        "rows": len(rows),
-        "objectives": objectives,
-        "front": best,
-        "references": [s.row for s in compared],
-        "stability": [s._asdict() for s in stabilities],
-    }
-    save_summary(facts, options.output)
-    print(f"{len(rows)} rows, {len(best)} settings on the Pareto front\nreport: {page}")
-    return 0
-
-
-def _stabilities(options: argparse.Namespace, jobs: Any, settled: Any, trade_off: Any) -> Any:
-    """Return how firmly rankings of the paper, the ends of the front and its knee stand, arm by arm."""
-    from dataclasses import replace
-
-    from optsc.study.conditions import PAPER
-    from optsc.study.stability import stability
-    from optsc.study.sweep.results import shown_settings
-
-    found = []
-    robots = list(dict.fromkeys(job.scene.robot for job in jobs)) if options.stability else []
-    for robot in robots:
-        mine = [job for job in jobs if job.scene.robot == robot]
-        by_name = {condition.name: condition for condition in mine[0].conditions}
-        wanted = {PAPER.name: PAPER}
-        for label, s in shown_settings(settled, robot, trade_off).items():
-            condition = by_name[s.row["condition"]]
-            point = ", ".join(
-                f"{n.removeprefix('weight.')} {v:.2g}" if isinstance(v, float) else f"{n} {v}"
-                for n, v in condition.about.items()
-            )
-            wanted[f"{label} ({point})"] = condition
-        before = f"{robot}: " if len(robots) > 1 else ""
-        named = [replace(condition, name=before + name) for name, condition in wanted.items()]
-        pairs = [(job.scene, job.person) for job in mine[: options.stability]]
-        found += stability(pairs, named, settings=mine[0].settings, seed=options.seed)
-    return found
-
-
-def _add_objectives(report: Any, settled: Any, compared: Any, objectives: dict[str, str]) -> None:
-    """Add the picture of the first two objectives, where they are others than those of every report."""
-    import numpy as np
-
-    from optsc.viewers.report import Picture
-    from optsc.viewers.report_statistics import front
-
-    x_name, y_name = list(objectives)[:2]
-    x, y = (np.array([s.row[name] for s in settled], dtype=float) for name in (x_name, y_name))
-    success = np.array([s.row["success"] for s in settled])
-    best = np.array([s.best for s in settled], dtype=bool)
-    named = {s.row["condition"]: (s.row[x_name], s.row[y_name]) for s in compared}
-    figure = front(x, y, best, success == success.max(), (x_name, y_name), named)
-    words = ", ".join(f"{name} ({direction})" for name, direction in objectives.items())
-    caption = f"What was searched for: {words}. Settings are on the front with regard to all of these."
-    report.add("The objectives of the search", Picture("objectives", figure, caption))

@@ -61,18 +61,18 @@ def test_more_trials_of_a_person_do_not_make_more_of_him():
 
 def test_means_have_a_row_for_each_participant_and_condition_without_practice():
     means = participant_means(tidy(PLAN, ROWS))
-    assert [(m["participant"], m["condition"], m["trials"]) for m in means] == [
+    assert list(means[["participant", "condition", "trials"]].itertuples(index=False, name=None)) == [
         (1, "alternating", 2),
         (1, "manual", 2),
         (2, "alternating", 2),
         (2, "manual", 2),
         (3, "alternating", 1),
     ]
-    by = {(m["participant"], m["condition"]): m for m in means}
-    assert by[2, "alternating"]["success"] == 0.5
-    assert by[2, "alternating"]["grasp_s"] == 4.0
-    assert by[2, "manual"]["grasp_s"] == pytest.approx(52.5)
-    assert math.isnan(by[2, "manual"]["tlx_raw"])
+    by = means.set_index(["participant", "condition"])
+    assert by["success"][2, "alternating"] == 0.5
+    assert by["grasp_s"][2, "alternating"] == 4.0
+    assert by["grasp_s"][2, "manual"] == pytest.approx(52.5)
+    assert math.isnan(by["tlx_raw"][2, "manual"])
 
 
 def test_the_place_is_that_in_the_participant_s_own_order():

@@ -64,7 +64,7 @@ def tables_only(monkeypatch):
             return directory
 
     monkeypatch.setattr("optsc.study.sweep.report.build", lambda *_, **__: Page())
-    monkeypatch.setattr("optsc.study.stability.stability", lambda *_, **__: [])
+    monkeypatch.setattr("optsc.study.sweep.report.stability", lambda *_, **__: [])
 
 
 def running(process):

@@ -18,7 +18,7 @@ from optsc.study.sweep.tuning import tune
 WEIGHTS = [Dimension(f"weight.{name}") for name in ("orientation", "position", "manipulability")]
 
 
-def settled_rows():
+def outcomes():
     rows = []
     for name, paths, found in (("a", [1.0, 2.0], 0.1), ("b", [1.2, 1.4], 0.3), ("c", [2.0, 2.0], 0.2)):
         rows += [fake_outcome(name, path, found) for path in paths]
@@ -39,11 +39,19 @@ def fake_outcome(name, path, found):
 
 
 def test_a_setting_that_gives_up_on_hard_scenes_is_not_on_the_front():
-    found = {s.row["condition"]: s for s in setting_results(settled_rows())}
-    assert found["a"].row["path_length_m"] == pytest.approx(1.5)
-    assert {name for name, s in found.items() if s.best} == {"b"}
-    assert found["d"].row["success"] == 0.5
-    assert found["b"].row["at_x"] == 1
+    found = setting_results(outcomes()).set_index("condition")
+    assert found["path_length_m"]["a"] == pytest.approx(1.5)
+    assert set(found.index[found["best"]]) == {"b"}
+    assert found["success"]["d"] == 0.5
+    assert found["at_x"]["b"] == 1
+
+
+def test_whole_numbers_of_a_point_stay_whole_where_others_have_none():
+    rows = [{**fake_outcome("a", 1.0, 0.1), "at_x": 3}, {**fake_outcome("b", 1.0, 0.1), "at_x": 0.5}]
+    rows.append({name: x for name, x in fake_outcome("c", 1.0, 0.1).items() if name != "at_x"})
+    points = [row["at_x"] for row in setting_results(rows).to_dict("records")]
+    assert [repr(x) for x in points[:2]] == ["3", "0.5"]
+    assert points[2] is None
 
 
 def test_cases_meet_the_same_people_whatever_the_settings():

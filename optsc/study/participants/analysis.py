@@ -12,6 +12,7 @@ from math import nan
 from typing import NamedTuple
 
 import numpy as np
+from pandas import DataFrame
 
 from optsc.errors import InvalidValue, Mismatch, UnknownName
 from optsc.study.arbitration_report import COLUMNS
@@ -24,8 +25,11 @@ WORKLOAD = {f"tlx_{name}": name for name in SCALES}
 """The six scales, of which a block has one answer each."""
 MEASURES = {"success": "success [share]", **COLUMNS, "tlx_raw": "workload (raw NASA-TLX)"}
 """What is compared, with its unit."""
+VALUES = [*MEASURES, *WORKLOAD]
 ALWAYS = ("success", "tlx_raw", *WORKLOAD)
 """Measures that also a failed trial has."""
+TRIAL = ["participant", "condition", "condition_number", "place", "scene_seed"]
+"""Columns that tell trials apart."""
 
 
 class Difference(NamedTuple):
@@ -68,21 +72,18 @@ def tidy(plan: StudyPlan, rows: Sequence[Row]) -> list[Row]:
     return listed
 
 
-def participant_means(rows: Sequence[Row]) -> list[Row]:
-    """Return a row for each participant and condition, practice left out: means of the trials, and the answers."""
-    means = []
-    for participant, condition in sorted({(row["participant"], row["condition"]) for row in rows}):
-        mine = _trials(rows, participant, condition)
-        if mine:
-            values = {name: mean_of([_value(row, name) for row in mine]) for name in (*MEASURES, *WORKLOAD)}
-            head = {"participant": participant, "condition": condition, "place": mine[0]["place"]}
-            means.append({**head, "trials": len(mine), **values})
-    return means
+def participant_means(rows: Sequence[Row]) -> DataFrame:
+    """Return a line for each participant and condition, practice left out: means of the trials, and the answers."""
+    groups = _measured(rows).groupby(["participant", "condition"])
+    means = groups[VALUES].agg(mean_of)
+    means.insert(0, "place", groups["place"].first())
+    means.insert(1, "trials", groups.size())
+    return means.reset_index()
 
 
-def average(means: Sequence[Row], condition: str, measure: str, seed: int = 0) -> Interval:
+def average(means: DataFrame, condition: str, measure: str, seed: int = 0) -> Interval:
     """Return the mean over participants of what `participant_means` gave, with its interval."""
-    values = [row[measure] for row in means if row["condition"] == condition and np.isfinite(row[measure])]
+    values = means.loc[means["condition"] == condition, measure].dropna()
     return bootstrap(values, np.random.default_rng(seed))
 
 
@@ -91,45 +92,34 @@ def differences(rows: Sequence[Row], reference: str, seed: int = 0) -> list[Diff
 
     Each participant's mean over the compared scenes is one of the paired values; ``seed`` is of the bootstrap.
     """
-    conditions = list(dict.fromkeys(row["condition"] for row in rows if not row["practice"]))
+    trials = _measured(rows)
+    numbers = trials.drop_duplicates("condition").sort_values("condition_number")
+    conditions = numbers["condition"].tolist()
     if reference not in conditions:
         raise UnknownName("condition with trials", reference, conditions)
-    conditions.sort(key=lambda name: next(r["condition_number"] for r in rows if r["condition"] == name))
     found = []
     for condition in conditions:
-        for measure in (*MEASURES, *WORKLOAD) if condition != reference else ():
-            a, b = _paired(rows, condition, reference, measure)
+        for measure in VALUES if condition != reference else ():
+            pairs = _paired(trials, condition, reference, measure)
             # The same resamples for every measure: intervals differ by the data alone.
-            difference = paired_difference(a, b, np.random.default_rng(seed))
+            difference = paired_difference(pairs["one"], pairs["other"], np.random.default_rng(seed))
             found.append(Difference(condition, reference, measure, difference))
     return found
 
 
-def _paired(
-    rows: Sequence[Row], condition: str, reference: str, measure: str
-) -> tuple[list[float], list[float]]:
-    """Return one value for each participant under either condition."""
-    a, b = [], []
-    for participant in sorted({row["participant"] for row in rows}):
-        one = {row["scene_seed"]: row for row in _trials(rows, participant, condition)}
-        other = {row["scene_seed"]: row for row in _trials(rows, participant, reference)}
-        pairs = [(_value(one[seed], measure), _value(other[seed], measure)) for seed in one if seed in other]
-        complete = [pair for pair in pairs if np.isfinite(pair).all()]
-        a.append(mean_of([x for x, _ in complete]))
-        b.append(mean_of([y for _, y in complete]))
-    return a, b
+def _measured(rows: Sequence[Row]) -> DataFrame:
+    """Return the trials that count, with NaN for what a trial does not have."""
+    table = DataFrame([row for row in rows if not row["practice"]]).reindex(columns=[*TRIAL, *VALUES])
+    table[VALUES] = table[VALUES].astype(float)
+    table.loc[table["success"] == 0.0, [name for name in VALUES if name not in ALWAYS]] = nan
+    return table
 
 
-def _trials(rows: Sequence[Row], participant: int, condition: str) -> list[Row]:
-    return [
-        row
-        for row in rows
-        if row["participant"] == participant and row["condition"] == condition and not row["practice"]
-    ]
-
-
-def _value(row: Row, measure: str) -> float:
-    if measure not in ALWAYS and not row["success"]:
-        return nan
-    value = row.get(measure)
-    return nan if value is None else float(value)
+def _paired(trials: DataFrame, condition: str, reference: str, measure: str) -> DataFrame:
+    """Return the means of each participant under either condition, over the scenes that have a value under both."""
+    one, other = (
+        trials[trials["condition"] == name].set_index(["participant", "scene_seed"])[measure]
+        for name in (condition, reference)
+    )
+    pairs = one.to_frame("one").join(other.rename("other"), how="inner").dropna()
+    return pairs.groupby("participant").agg(mean_of)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pandas import DataFrame
+
 from optsc.study.arbitration_report import JUMPS
 from optsc.study.outcomes import Row
 from optsc.study.participants.analysis import (
@@ -59,9 +61,10 @@ def save_report(
     """
     rows = tidy(plan, collect(directory))
     means = participant_means(rows)
-    found = differences(rows, reference or plan.design.conditions[0], seed) if means else []
+    found = [] if means.empty else differences(rows, reference or plan.design.conditions[0], seed)
     save_rows(rows, output, "trials")
-    for name, table in (("participants", means), ("differences", [one.row() for one in found])):
+    tables = {"participants": means.to_dict("records"), "differences": [one.row() for one in found]}
+    for name, table in tables.items():
         if table:
             save_rows(table, output, name)
     page = build(plan, rows, means, found, progress(plan, directory), command, seed).save(output)
@@ -70,7 +73,7 @@ def save_report(
 
 
 def _summary(
-    plan: StudyPlan, rows: Sequence[Row], means: Sequence[Row], found: Sequence[Difference], seed: int
+    plan: StudyPlan, rows: Sequence[Row], means: DataFrame, found: Sequence[Difference], seed: int
 ) -> dict[str, Any]:
     return {
         "study": plan.design.name,
@@ -99,7 +102,7 @@ def progress(plan: StudyPlan, directory: Path) -> list[tuple[int, int, int, tupl
 def build(
     plan: StudyPlan,
     rows: Sequence[Row],
-    means: Sequence[Row],
+    means: DataFrame,
     found: Sequence[Difference],
     done: Sequence[tuple[int, int, int, tuple[str, ...]]],
     command: str,
@@ -113,7 +116,7 @@ def build(
         "Practice is left out. The participant is the unit: means and differences are of participants.",
     )
     report.add("How it was made", Code(command), *_facts(plan, rows), _progress(done))
-    if not means:
+    if means.empty:
         report.add("Results", "So far there was only practice.")
         return report
     report.add("Means", _means_picture(plan, means, seed), _means_table(plan, means, MEASURES, seed))
@@ -135,10 +138,8 @@ def _facts(plan: StudyPlan, rows: Sequence[Row]) -> list[str]:
         + ", ".join(f"{kind} {n}" for kind, n in Counter(row["operator"] for row in rows).items())
         + ".",
     ]
-    policies = {
-        row["condition"]: {r["policy"] for r in rows if r["condition"] == row["condition"]} for row in rows
-    }
-    changed = [name for name, keys in policies.items() if len(keys) > 1]
+    policies = DataFrame(rows).groupby("condition", sort=False)["policy"].nunique()
+    changed = policies.index[policies > 1].tolist()
     if changed:
         facts.append(f"Settings of the policy changed during the study: {', '.join(changed)}.")
     if len({row["operator"] for row in rows}) > 1:
@@ -156,12 +157,11 @@ def _progress(done: Sequence[tuple[int, int, int, tuple[str, ...]]]) -> Table:
     return Table(["participant", "trials", "not rated yet"], lines, "Who has done what")
 
 
-def _conditions(plan: StudyPlan, means: Sequence[Row]) -> list[str]:
-    there = {row["condition"] for row in means}
-    return [name for name in plan.design.conditions if name in there]
+def _conditions(plan: StudyPlan, means: DataFrame) -> list[str]:
+    return [name for name in plan.design.conditions if name in set(means["condition"])]
 
 
-def _means_picture(plan: StudyPlan, means: Sequence[Row], seed: int) -> Picture:
+def _means_picture(plan: StudyPlan, means: DataFrame, seed: int) -> Picture:
     groups = {
         MEASURES[measure]: {
             name: Estimate(*average(means, name, measure, seed)) for name in _conditions(plan, means)
@@ -171,10 +171,10 @@ def _means_picture(plan: StudyPlan, means: Sequence[Row], seed: int) -> Picture:
     return Picture("means", bars(groups, {}), "Means over participants with 95 % bootstrap intervals.")
 
 
-def _means_table(plan: StudyPlan, means: Sequence[Row], measures: dict[str, str], seed: int) -> Table:
+def _means_table(plan: StudyPlan, means: DataFrame, measures: dict[str, str], seed: int) -> Table:
     lines = []
     for name in _conditions(plan, means):
-        line: list[Any] = [name, sum(row["condition"] == name for row in means)]
+        line: list[Any] = [name, int((means["condition"] == name).sum())]
         for measure in measures:
             value, low, high = average(means, name, measure, seed)
             line.append(f"{value:.3g} ({low:.3g} to {high:.3g})" if value == value else None)
@@ -217,22 +217,22 @@ def _differences(found: Sequence[Difference]) -> list[Any]:
 
 
 def _jumps(plan: StudyPlan, rows: Sequence[Row]) -> Table:
+    trials = DataFrame([row for row in rows if not row["practice"]])
     lines = []
     for name in plan.design.conditions:
-        line: list[Any] = [name]
-        for measure in JUMPS:
-            mine = [row.get(measure) for row in rows if row["condition"] == name and not row["practice"]]
-            values = [value for value in mine if value is not None]
-            line.append(f"{mean_of(values):.3g}, at most {max(values):.3g}" if values else None)
-        lines.append(line)
+        jumps = trials[trials["condition"] == name].reindex(columns=list(JUMPS)).astype(float)
+        cells = [
+            f"{mean_of(x):.3g}, at most {x.max():.3g}" if x.notna().any() else None for _, x in jumps.items()
+        ]
+        lines.append([name, *cells])
     return Table(["condition", *JUMPS.values()], lines, "Means, and the worst of all trials")
 
 
-def _places(plan: StudyPlan, means: Sequence[Row]) -> Table:
+def _places(plan: StudyPlan, means: DataFrame) -> Table:
     lines = []
     for place in range(1, len(plan.design.conditions) + 1):
-        mine = [row for row in means if row["place"] == place]
-        lines.append([place, len(mine), *(mean_of([row[name] for row in mine]) for name in SHOWN)])
+        mine = means[means["place"] == place]
+        lines.append([place, len(mine), *(mean_of(mine[name]) for name in SHOWN)])
     caption = (
         "Means over whatever condition came first, second, ...: a trend is practice or fatigue, which counterbalanced "
         "orders spread over all conditions, once there are as many participants as a balanced group has."

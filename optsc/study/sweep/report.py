@@ -1,28 +1,41 @@
-"""The report of a sweep: the trade-off, what each number does, how firmly rankings stand."""
+"""Report of a sweep: the trade-off and its front, what each number does, how stable the rankings are."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-import numpy as np
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from optsc.study.approach_report import ways
-from optsc.study.conditions import PAPER, Condition
+from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition
 from optsc.study.outcomes import Job, Row
-from optsc.study.stability import Stability
-from optsc.study.sweep.results import TRADE_OFF, SettingResult, difference_from, shown_settings
+from optsc.study.results_folder import save_rows, save_summary
+from optsc.study.stability import Stability, stability
+from optsc.study.sweep.results import (
+    CASE,
+    TRADE_OFF,
+    difference_from,
+    setting_results,
+    shown_settings,
+    trade_off_of,
+)
 from optsc.viewers.report import Picture, Report, Table
 from optsc.viewers.report_motion import timelines, trajectories
 from optsc.viewers.report_statistics import Estimate, front, sensitivity, stability_lines
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+REFERENCES = (PAPER.name, MANIPULABILITY_ONLY.name)
+"""Conditions that every sweep has beside its settings."""
 LABELS = {"path_length_m": "path of the tool [m]", "target_yoshikawa": "manipulability at the grasp"}
 OUTCOMES = {"path_length_m": "path [m]", "duration_s": "time [s]", "target_yoshikawa": "manipulability"}
 COLUMNS = (
     *("path_length_m", "duration_s", "rotation_rad", "ldlj_joint"),
     *("target_yoshikawa", "clearance_m"),
 )
-"""Means that are told of each setting on the front."""
+"""Means that are listed for each setting on the front."""
 MEASURES: Mapping[str, str] = {
     "path_length_m": "path [m]",
     "duration_s": "time [s]",
@@ -31,40 +44,114 @@ MEASURES: Mapping[str, str] = {
 }
 """What settings on the front are compared in."""
 LISTED = 30
-"""Settings on the front that are told."""
+"""Settings on the front that are listed."""
+
+
+def save_report(
+    rows: Sequence[Row],
+    jobs: Sequence[Job],
+    objectives: Mapping[str, str],
+    output: Path,
+    command: str,
+    *,
+    searched: bool = False,
+    stability_cases: int = 10,
+    seed: int = 0,
+) -> tuple[Path, int]:
+    """Write tables, summary and page of a sweep to ``output``; return the page and the number of settings on the front.
+
+    Args:
+        rows: of all settings and of `REFERENCES` in every case, see `run_jobs`.
+        jobs: that the rows are of.
+        objectives: ``minimize`` or ``maximize`` by the names of the measures that the front is about.
+        output: where the files go: ``table`` with the rows, ``settings``, ``summary.json``, ``report.html``.
+        command: that made it, to be kept with it.
+        searched: whether the objectives were chosen for a search; then they have a picture.
+        stability_cases: in how many cases rankings are perturbed.
+        seed: of the perturbations.
+    """
+    trade_off = trade_off_of(objectives)
+    settings = setting_results([row for row in rows if row["condition"] not in REFERENCES], trade_off)
+    references = setting_results([row for row in rows if row["condition"] in REFERENCES])
+    save_rows(rows, output)
+    save_rows([*references.to_dict("records"), *settings.to_dict("records")], output, "settings")
+    stabilities = stability_of_front(settings, jobs, trade_off, stability_cases, seed)
+    report = build(settings, references, stabilities, command, rows=rows, jobs=jobs)
+    if searched:
+        report.add("The objectives of the search", _objectives_picture(settings, references, objectives))
+    page = report.save(output)
+    best = settings[settings["best"]]
+    facts = {
+        "command": command,
+        "seed": seed,
+        "settings": len(settings),
+        "cases": len(jobs),
+        "rows": len(rows),
+        "objectives": objectives,
+        "front": best.drop(columns="best").to_dict("records"),
+        "references": references.drop(columns="best").to_dict("records"),
+        "stability": [s._asdict() for s in stabilities],
+    }
+    save_summary(facts, output)
+    return page, len(best)
+
+
+def stability_of_front(
+    settings: DataFrame, jobs: Sequence[Job], trade_off: Mapping[str, float], cases: int, seed: int
+) -> list[Stability]:
+    """Return how stable rankings of the paper, the ends of the front and its knee are in so many cases, arm by arm."""
+    found: list[Stability] = []
+    robots = list(dict.fromkeys(job.scene.robot for job in jobs)) if cases else []
+    for robot in robots:
+        mine = [job for job in jobs if job.scene.robot == robot]
+        by_name = {condition.name: condition for condition in mine[0].conditions}
+        wanted = {PAPER.name: PAPER}
+        for label, name in shown_settings(settings, robot, trade_off).items():
+            point = ", ".join(
+                f"{n.removeprefix('weight.')} {v:.2g}" if isinstance(v, float) else f"{n} {v}"
+                for n, v in by_name[name].about.items()
+            )
+            wanted[f"{label} ({point})"] = by_name[name]
+        before = f"{robot}: " if len(robots) > 1 else ""
+        named = [replace(condition, name=before + name) for name, condition in wanted.items()]
+        pairs = [(job.scene, job.person) for job in mine[:cases]]
+        found += stability(pairs, named, settings=mine[0].settings, seed=seed)
+    return found
 
 
 def build(
-    settled: Sequence[SettingResult],
-    references: Sequence[SettingResult],
+    settings: DataFrame,
+    references: DataFrame,
     stabilities: Sequence[Stability],
     command: str,
     *,
     rows: Sequence[Row] = (),
     jobs: Sequence[Job] = (),
 ) -> Report:
-    """Return the report.
+    """Return the page.
 
     Args:
-        settled: the settings of the sweep.
+        settings: of the sweep, see `setting_results`.
         references: settings to compare with, such as the paper's.
         stabilities: of rankings, if they were asked for.
         command: that made it.
         rows: of all settings and references in every case; with them the front is compared with the paper's cascade.
         jobs: that the rows are of; with them the ends of the front and its knee are shown in one scene.
     """
+    from pandas import DataFrame
+
     report = Report(
-        "Sweep of selection settings", f"{len(settled)} settings over the same scenes and people."
+        "Sweep of selection settings", f"{len(settings)} settings over the same scenes and people."
     )
     report.add("How it was made", f"Command: {command}")
-    for robot in dict.fromkeys(s.row["robot"] for s in settled):
-        mine = [s for s in settled if s.row["robot"] == robot]
-        named = [s for s in references if s.row["robot"] == robot]
+    table = DataFrame(rows)
+    for robot, mine in settings.groupby("robot", sort=False):
+        named = references[references["robot"] == robot]
         report.add(f"{robot}: the trade-off", _front(robot, mine, named), _best(mine, named))
-        if rows and any(row["condition"] == PAPER.name for row in rows):
-            report.add(f"{robot}: the front against the paper's cascade", differences(_listed(mine), rows))
+        if rows and (table["condition"] == PAPER.name).any():
+            report.add(f"{robot}: the front against the paper's cascade", differences(_listed(mine), table))
             if jobs:
-                report.add(f"{robot}: one scene, looked at", *motions(shown_settings(mine), rows, jobs))
+                report.add(f"{robot}: one scene, looked at", *motions(robot, mine, table, jobs))
         picture = _sensitivity(robot, mine)
         if picture is not None:
             report.add(f"{robot}: what each number does", picture)
@@ -73,56 +160,67 @@ def build(
     return report
 
 
-def _front(robot: str, settled: Sequence[SettingResult], named: Sequence[SettingResult]) -> Picture:
-    x_name, y_name = list(TRADE_OFF)[:2]
-    x, y = (np.array([s.row[name] for s in settled], dtype=float) for name in (x_name, y_name))
-    best = np.array([s.best for s in settled], dtype=bool)
-    points = {s.row["condition"]: (s.row[x_name], s.row[y_name]) for s in named}
+def _front(robot: str, settings: DataFrame, references: DataFrame) -> Picture:
+    names = list(TRADE_OFF)[:2]
     caption = (
         "Every setting by its means over all cases; those joined are beaten by no other in both at once. "
         "Settings under which a case failed that others solve are not compared: their means leave it out."
     )
-    success = np.array([s.row["success"] for s in settled])
-    labels = LABELS.get(x_name, x_name), LABELS.get(y_name, y_name)
-    figure = front(x, y, best, success == success.max(), labels, points)
-    return Picture(f"front_{robot}", figure, caption)
+    labels = [LABELS.get(name, name) for name in names]
+    return Picture(f"front_{robot}", _front_figure(settings, references, names, labels), caption)
 
 
-def _best(settled: Sequence[SettingResult], named: Sequence[SettingResult]) -> Table:
-    labels = {s.row["condition"]: label for label, s in shown_settings(settled).items()}
-    varied = [name for name in settled[0].row if name.startswith("at_")] if settled else []
-    head = ["setting", "", *(name.removeprefix("at_") for name in varied), "success", *COLUMNS]
-    lines: list[list[Any]] = []
-    for s in [*named, *_listed(settled)]:
-        name, point = s.row["condition"], [s.row.get(name) for name in varied]
-        lines.append([name, labels.get(name, ""), *point, s.row["success"], *(s.row[c] for c in COLUMNS)])
+def _objectives_picture(settings: DataFrame, references: DataFrame, objectives: Mapping[str, str]) -> Picture:
+    names = list(objectives)[:2]
+    words = ", ".join(f"{name} ({direction})" for name, direction in objectives.items())
+    caption = f"What was searched for: {words}. Settings are on the front with regard to all of these."
+    return Picture("objectives", _front_figure(settings, references, names, names), caption)
+
+
+def _front_figure(
+    settings: DataFrame, references: DataFrame, names: Sequence[str], labels: Sequence[str]
+) -> Any:
+    x, y = (settings[name].to_numpy(float) for name in names)
+    compared = settings["success"] == settings["success"].max()
+    points = {
+        condition: (float(a), float(b))
+        for condition, a, b in references[["condition", *names]].itertuples(index=False)
+    }
+    best = settings["best"].to_numpy(bool)
+    return front(x, y, best, compared.to_numpy(), (labels[0], labels[1]), points)
+
+
+def _best(settings: DataFrame, references: DataFrame) -> Table:
+    labels = {name: label for label, name in shown_settings(settings).items()}
+    varied = [name for name in settings if name.startswith("at_")]
+    columns = [*varied, "success", *COLUMNS]
+    records = [*references.to_dict("records"), *_listed(settings).to_dict("records")]
+    lines = [
+        [row["condition"], labels.get(row["condition"], ""), *(row.get(name) for name in columns)]
+        for row in records
+    ]
+    head = ["setting", "", *(name.removeprefix("at_") for name in columns)]
     return Table(head, lines, "Reference settings, and those on the front with its ends and its knee")
 
 
-def _listed(settled: Sequence[SettingResult]) -> list[SettingResult]:
-    """Return the settings on the front that are told, the shortest way first: ends, knee, and others."""
-    shown = [s.row["condition"] for s in shown_settings(settled).values()]
-    best = sorted((s for s in settled if s.best), key=lambda s: s.row["path_length_m"])
+def _listed(settings: DataFrame) -> DataFrame:
+    """Return the settings on the front that are listed, the shortest path first: ends, knee, and others."""
+    best = settings[settings["best"]].sort_values("path_length_m", kind="stable")
     # Many settings choose the same grasps everywhere: one of them is enough, if it can be one that is shown.
-    first = sorted(best, key=lambda s: s.row["condition"] not in shown)
-    distinct: dict[tuple[Any, ...], SettingResult] = {}
-    for s in first:
-        distinct.setdefault(tuple(s.row[name] for name in COLUMNS), s)
-    kept = {s.row["condition"] for s in list(distinct.values())[:LISTED]}
-    return [s for s in best if s.row["condition"] in kept]
+    shown = best["condition"].isin(shown_settings(settings).values())
+    distinct = best.loc[shown.sort_values(ascending=False, kind="stable").index].drop_duplicates(
+        list(COLUMNS)
+    )
+    return best[best["condition"].isin(distinct["condition"].head(LISTED))]
 
 
-def _sensitivity(robot: str, settled: Sequence[SettingResult]) -> Picture | None:
-    numbers = [
-        name
-        for name, value in settled[0].row.items()
-        if name.startswith("at_") and isinstance(value, (int, float)) and not isinstance(value, bool)
-        if all(name in s.row for s in settled)
-    ]
-    if not numbers or len(settled) < 3:
+def _sensitivity(robot: str, settings: DataFrame) -> Picture | None:
+    varied = settings[[name for name in settings if name.startswith("at_")]]
+    numbers = varied.infer_objects().select_dtypes("number").dropna(axis="columns")
+    if numbers.empty or len(settings) < 3:
         return None
-    columns = {name.removeprefix("at_"): [s.row[name] for s in settled] for name in numbers}
-    outcomes = {label: [s.row[name] for s in settled] for name, label in OUTCOMES.items()}
+    columns = {name.removeprefix("at_"): numbers[name].tolist() for name in numbers}
+    outcomes = {label: settings[name].tolist() for name, label in OUTCOMES.items()}
     caption = (
         "Means over all cases against each number that was varied; the line joins medians of equal counts."
     )
@@ -139,20 +237,18 @@ def _stability(stabilities: Sequence[Stability]) -> tuple[Picture, Table]:
         "Kendall's tau between the 30 best grasps before and after each weight (in a cascade: each number of grasps "
         "kept) was multiplied by a random factor; the band holds nine tenths of scenes and draws."
     )
-    lines = [[s.condition, s.size, s.tau, s.low, s.high, s.same_choice] for s in stabilities]
-    table = Table(["setting", "perturbation", "tau", "5 %", "95 %", "same choice"], lines)
+    table = Table(["setting", "perturbation", "tau", "5 %", "95 %", "same choice"], stabilities)
     return Picture("stability", stability_lines(sizes, tau, same), caption), table
 
 
-def differences(front: Sequence[SettingResult], rows: Sequence[Row], reference: str = PAPER.name) -> Table:
-    """Return the table of paired differences of settings on the front from the reference."""
-    labels = {s.row["condition"]: label for label, s in shown_settings(front).items()}
+def differences(settings: DataFrame, rows: DataFrame, reference: str = PAPER.name) -> Table:
+    """Return the table of paired differences of ``settings`` on the front from the reference."""
+    labels = {name: label for label, name in shown_settings(settings).items()}
     lines: list[list[Any]] = []
-    for s in front:
-        name = s.row["condition"]
+    for robot, name in settings[["robot", "condition"]].itertuples(index=False):
         line: list[Any] = [name, labels.get(name, "")]
         for number, measure in enumerate(MEASURES):
-            d = difference_from(rows, s.row["robot"], name, reference, measure)
+            d = difference_from(rows, robot, name, reference, measure)
             interval = f"{d.mean.value:+.3g} ({d.mean.low:+.3g} to {d.mean.high:+.3g})" if d.pairs else "-"
             line += [*([] if number else [d.pairs]), interval, d.d_z]
         lines.append(line)
@@ -166,22 +262,28 @@ def differences(front: Sequence[SettingResult], rows: Sequence[Row], reference: 
 
 
 def motions(
-    shown: Mapping[str, SettingResult], rows: Sequence[Row], jobs: Sequence[Job], reference: Condition = PAPER
+    robot: str,
+    settings: DataFrame,
+    rows: DataFrame,
+    jobs: Sequence[Job],
+    reference: Condition = PAPER,
 ) -> list[Picture | str]:
-    """Return who led when and which way the tool went, under the ``shown`` settings and the reference, in one scene.
+    """Return modes over time and the path of the tool, under the shown settings and the reference, in one scene.
 
     The scene is the one, among the ``jobs`` in which all of them arrived, where they choose the most different grasps.
     """
+    shown = shown_settings(settings)
     if not shown:
         return ["There is no front to show."]
-    robot = next(iter(shown.values())).row["robot"]
-    labels = {s.row["condition"]: f"{label} ({s.row['condition']})" for label, s in shown.items()}
-    job = _telling(robot, [*labels, reference.name], rows, jobs)
+    job = _most_telling(robot, [*shown.values(), reference.name], rows, jobs)
     if job is None:
         return ["There is no scene in which the reference and all of the front's settings arrive."]
     by_name = {c.name: c for c in job.conditions}
     wanted = [Condition(reference.name, reference.rule, reference.measure)]
-    wanted += [Condition(label, by_name[name].rule, by_name[name].measure) for name, label in labels.items()]
+    wanted += [
+        Condition(f"{label} ({name})", by_name[name].rule, by_name[name].measure)
+        for label, name in shown.items()
+    ]
     paths = ways(job.scene, job.person, wanted, job.settings)
     world = job.scene.world()
     objects = {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()}
@@ -195,22 +297,17 @@ def motions(
     ]
 
 
-def _telling(robot: str, names: Sequence[str], rows: Sequence[Row], jobs: Sequence[Job]) -> Job | None:
+def _most_telling(robot: str, names: Sequence[str], rows: DataFrame, jobs: Sequence[Job]) -> Job | None:
     """Return the job with the most different grasps under conditions of these ``names``, all of which arrive."""
-    chosen: dict[tuple[str, str, int], dict[str, tuple[Any, ...]]] = {}
-    for row in rows:
-        if row["robot"] == robot and row["condition"] in names and row["arrived"]:
-            case = (row["scene"], row["person"], row["person_seed"])
-            grasp = (row["object"], row["candidate"], row["half_turn"])
-            chosen.setdefault(case, {})[row["condition"]] = grasp
-    best, most = None, 0
-    for job in jobs:
-        grasps = chosen.get((job.scene.hash, job.person.kind, job.person.seed), {})
-        if len(grasps) == len(names) and len(set(grasps.values())) > most:
-            best, most = job, len(set(grasps.values()))
-    return best
+    arrived = rows[(rows["robot"] == robot) & rows["condition"].isin(names) & rows["arrived"].astype(bool)]
+    complete = arrived.groupby(CASE)["condition"].nunique() == len(names)
+    grasps = arrived.drop_duplicates([*CASE, "object", "candidate", "half_turn"]).groupby(CASE).size()
+    counts = grasps[complete].to_dict()
+    if not counts:
+        return None
 
+    def different_grasps(job: Job) -> int:
+        return counts.get((job.scene.hash, job.person.kind, job.person.seed), 0)
 
-def rows_of(settled: Sequence[SettingResult]) -> list[Row]:
-    """Return the settings as flat rows."""
-    return [{**s.row, "best": s.best} for s in settled]
+    best = max(jobs, key=different_grasps)
+    return best if different_grasps(best) else None

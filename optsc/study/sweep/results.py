@@ -1,9 +1,9 @@
-"""What a sweep comes to: outcomes of each setting over all cases, and which settings nothing beats."""
+"""Results of a sweep: means of each setting over all cases, the Pareto front, and paired differences of settings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,15 +11,21 @@ from optsc.errors import InvalidValue, UnknownName
 from optsc.study.outcomes import CHOSEN, MEASURED, Row
 from optsc.study.statistics import PairedDifference, averages, mean_of, paired_difference, pareto_front
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 MEANS = (*MEASURED, *CHOSEN, "jump_target_distance_m", "jump_target_chord")
-"""Measures whose mean over all cases is told for each setting."""
+"""Measures whose mean over all cases is reported for each setting."""
 TRADE_OFF: Mapping[str, float] = {"path_length_m": 1.0, "target_yoshikawa": -1.0}
 """What the front is about by default: 1 for less is better, -1 for more."""
-
 KNEE = "knee"
 """Label of the setting between the ends of a front."""
 DIRECTIONS: Mapping[str, float] = {"minimize": 1.0, "maximize": -1.0}
 """Signs of directions as a trade-off has them."""
+SETTING = ["robot", "condition", "measure"]
+"""Columns that tell settings apart."""
+CASE = ["scene", "person", "person_seed"]
+"""Columns that tell the cases of an arm apart."""
 
 
 def trade_off_of(objectives: Mapping[str, str]) -> dict[str, float]:
@@ -37,103 +43,76 @@ def trade_off_of(objectives: Mapping[str, str]) -> dict[str, float]:
     return {name: DIRECTIONS[direction] for name, direction in objectives.items()}
 
 
-class SettingResult(NamedTuple):
-    """One setting over all cases.
+def setting_results(rows: Sequence[Row], trade_off: Mapping[str, float] = TRADE_OFF) -> DataFrame:
+    """Return one line for each setting in ``rows``, in order of appearance.
 
-    Attributes:
-        row: its name, its point, how many cases, the share that succeeded, and means of `MEANS`.
-        best: whether it is on the Pareto front of the trade-off, among those that succeed as often as any.
+    Columns are those of `SETTING`, the setting's point (``at_...``), the number of ``cases``, the share of ``success``
+    among them, the mean of each of `MEANS` over the cases that have it, and whether the setting is ``best``: on the
+    Pareto front of the trade-off. Means leave out what did not arrive, so only settings that succeed as often as any
+    are compared for the front: otherwise a setting that fails in hard scenes would look better.
     """
+    from pandas import DataFrame
 
-    row: Row
-    best: bool
-
-
-def setting_results(rows: Sequence[Row], trade_off: Mapping[str, float] = TRADE_OFF) -> list[SettingResult]:
-    """Return every setting in ``rows`` over all its cases, in order of appearance.
-
-    Means leave out what did not arrive, so settings are only compared for the front if none succeeds more often: or
-    else one that gives up on hard scenes would look better.
-    """
-    groups: dict[tuple[str, str, str], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row["robot"], row["condition"], row["measure"]), []).append(row)
-    means = [_means(place, group) for place, group in groups.items()]
-    success = np.array([mean["success"] for mean in means])
-    costs = np.array([[sign * mean[name] for name, sign in trade_off.items()] for mean in means])
-    if len(costs):
-        costs[success < success.max()] = np.nan
-    return [SettingResult(mean, bool(best)) for mean, best in zip(means, _front(costs), strict=True)]
+    if not rows:
+        return DataFrame(columns=[*SETTING, "cases", "success", *MEANS, "best"])
+    # As objects, whole numbers of a point stay whole beside others that are not.
+    table = DataFrame(rows, dtype=object)
+    groups = table.groupby(SETTING, sort=False)
+    results = groups[[name for name in table if name.startswith("at_")]].first()
+    results["cases"] = groups.size()
+    results["success"] = groups["success"].agg(mean_of).astype(float)
+    means = groups[list(MEANS)].agg(mean_of).astype(float)
+    results = results.join(means)
+    costs = results[list(trade_off)].to_numpy() * list(trade_off.values())
+    results["best"] = best_of(costs, results["success"].to_numpy())
+    return results.reset_index()
 
 
-def _front(costs: np.ndarray) -> np.ndarray:
-    return pareto_front(costs) if len(costs) else np.zeros(0, dtype=bool)
-
-
-def _means(place: tuple[str, str, str], rows: Sequence[Row]) -> Row:
-    robot, condition, measure = place
-    point = {name: value for name, value in rows[0].items() if name.startswith("at_")}
-    means: dict[str, Any] = {name: mean_of([row[name] for row in rows]) for name in MEANS}
-    success = float(np.mean([bool(row["success"]) for row in rows]))
-    return {
-        "robot": robot,
-        "condition": condition,
-        "measure": measure,
-        **point,
-        "cases": len(rows),
-        "success": success,
-        **means,
-    }
+def best_of(costs: np.ndarray, success: np.ndarray) -> np.ndarray:
+    """Return which rows of ``costs`` (N, d) are on the Pareto front of those with the greatest ``success`` (N,)."""
+    return pareto_front(np.where(success[:, None] < success.max(), np.nan, costs))
 
 
 def shown_settings(
-    settled: Sequence[SettingResult], robot: str | None = None, trade_off: Mapping[str, float] = TRADE_OFF
-) -> dict[str, SettingResult]:
-    """Return both ends of the front and its knee, by what they are: ``least path_length_m``, ``knee``, and so on.
+    results: DataFrame, robot: str | None = None, trade_off: Mapping[str, float] = TRADE_OFF
+) -> dict[str, str]:
+    """Return the names of both ends of the front and its knee, by what they are: ``least path_length_m``, ``knee``, ...
 
     Ends are those of the first two measures of ``trade_off``. The knee is the setting farthest below the line
     between them, both measures counted in shares of the front's extent (I. Das 1999). Fewer where the front has fewer
     settings that differ; none without a front. ``robot`` is by default the first that there is.
     """
-    names = list(trade_off)[:2]
-    mine = [s for s in settled if robot in (None, s.row["robot"])]
-    front = [s for s in mine if s.best and s.row["robot"] == mine[0].row["robot"]]
-    if not front:
+    measures = list(trade_off)[:2]
+    if robot is None:
+        robot = next(iter(results["robot"]), None)
+    front = results[results["best"].astype(bool) & (results["robot"] == robot)]
+    if front.empty:
         return {}
-    costs = np.array([[trade_off[name] * s.row[name] for name in names] for s in front])
+    names = front["condition"].tolist()
+    costs = front[measures].to_numpy(float) * [trade_off[name] for name in measures]
     first, last = (int(np.lexsort((costs[:, 1 - k], costs[:, k]))[0]) for k in (0, 1))
-    labels = [f"{'least' if trade_off[name] > 0.0 else 'most'} {name}" for name in names]
+    labels = [f"{'least' if trade_off[name] > 0.0 else 'most'} {name}" for name in measures]
     if np.array_equal(costs[first], costs[last]):
-        return {f"{labels[0]}, {labels[1]}": front[first]}
-    found = {labels[0]: front[first], labels[1]: front[last]}
+        return {f"{labels[0]}, {labels[1]}": names[first]}
     low, high = costs.min(axis=0), costs.max(axis=0)
     # The line goes from (0, 1) to (1, 0); what lies below it is better in both than a mixture of the ends.
     distance = 1.0 - ((costs - low) / (high - low)).sum(axis=1)
     distance[np.all(costs == costs[first], axis=1) | np.all(costs == costs[last], axis=1)] = -np.inf
     knee = int(np.argmax(distance))
-    if np.isfinite(distance[knee]):
-        found = {labels[0]: front[first], KNEE: front[knee], labels[1]: front[last]}
-    return found
+    between = {KNEE: names[knee]} if np.isfinite(distance[knee]) else {}
+    return {labels[0]: names[first], **between, labels[1]: names[last]}
 
 
 def difference_from(
-    rows: Sequence[Row], robot: str, condition: str, reference: str, measure: str, seed: int = 0
+    rows: DataFrame, robot: str, condition: str, reference: str, measure: str, seed: int = 0
 ) -> PairedDifference:
     """Return ``condition`` minus ``reference`` in a ``measure``, over the scenes in which both arrived.
 
     The same person has to arrive at the same object. Several people in a scene count as one, with the mean of their
-    numbers. ``seed`` is of the bootstrap.
+    numbers. ``rows`` are those of a study; ``seed`` is of the bootstrap.
     """
-    sides: dict[tuple[str, str, int], dict[str, Row]] = {}
-    for row in rows:
-        if row["robot"] == robot and row["condition"] in (condition, reference) and row["arrived"]:
-            case = (row["scene"], row["person"], row["person_seed"])
-            sides.setdefault(case, {})[row["condition"]] = row
-    both = {
-        case: side
-        for case, side in sides.items()
-        if len(side) == 2 and side[condition]["object"] == side[reference]["object"]
-    }
-    a = [side[condition][measure] for side in both.values()]
-    b = [side[reference][measure] for side in both.values()]
-    return paired_difference(*averages([case[0] for case in both], a, b), np.random.default_rng(seed))
+    arrived = rows[(rows["robot"] == robot) & rows["arrived"].astype(bool)]
+    one, other = (arrived[arrived["condition"] == name] for name in (condition, reference))
+    pairs = one.merge(other, on=[*CASE, "object"], suffixes=("", "_reference"))
+    a, b = averages(pairs["scene"].tolist(), pairs[measure].tolist(), pairs[f"{measure}_reference"].tolist())
+    return paired_difference(a, b, np.random.default_rng(seed))

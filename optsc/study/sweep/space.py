@@ -357,6 +357,11 @@ def conditions(points: Sequence[Point]) -> list[Condition]:
         weights = [v for name, v in point.items() if name.startswith("weight.")]
         if weights and not any(weights):
             continue
-        name = f"{number:05d}"
-        found.append(Condition(name, rule_of(point), str(point.get("measure", DEFAULT_MEASURE)), point))
+        definition = str(point.get("measure", DEFAULT_MEASURE))
+        found.append(Condition(condition_name(number), rule_of(point), definition, point))
     return found
+
+
+def condition_name(number: int) -> str:
+    """Return the name of the condition of a point with that number."""
+    return f"{number:05d}"

@@ -19,10 +19,10 @@ import numpy as np
 from optsc.errors import InvalidValue, OptscError
 from optsc.study.cases import Cases
 from optsc.study.outcomes import Row
-from optsc.study.statistics import mean_of, pareto_front
-from optsc.study.sweep.results import trade_off_of
+from optsc.study.statistics import mean_of
+from optsc.study.sweep.results import best_of, trade_off_of
 from optsc.study.sweep.runner import Progress, run_jobs
-from optsc.study.sweep.space import Dimension, Point, conditions
+from optsc.study.sweep.space import Dimension, Point, condition_name, conditions
 from optsc.study.sweep.store import RowStore
 
 OBJECTIVES: Mapping[str, str] = {"path_length_m": "minimize", "target_yoshikawa": "maximize"}
@@ -93,10 +93,12 @@ def tune(
     while len(done) < trials:
         asked = [study.ask() for _ in range(min(generation, trials - len(done)))]
         points = [{d.name: _suggest(trial, d) for d in dimensions} for trial in asked]
-        rows = _tried(cases, points, store, executor, workers, on_progress)
+        jobs = cases.jobs(conditions(points))
+        rows = run_jobs(jobs, store, executor=executor, workers=workers, on_progress=on_progress)
+        means = _means(rows, len(points), list(objectives))
         new = [
-            _trial(one.number, point, of_point, objectives)
-            for one, point, of_point in zip(asked, points, rows, strict=True)
+            TuningTrial(one.number, point, values, success)
+            for one, point, (success, values) in zip(asked, points, means, strict=True)
         ]
         done += new
         _tell(study, asked, new, max(trial.success for trial in done))
@@ -130,19 +132,22 @@ def _tell(study: Any, asked: Sequence[Any], trials: Sequence[TuningTrial], most:
             study.tell(one, state=TrialState.FAIL)
 
 
-def _trial(number: int, point: Point, rows: Sequence[Row], objectives: Mapping[str, str]) -> TuningTrial:
-    values = {name: mean_of([row[name] for row in rows]) for name in objectives}
-    return TuningTrial(
-        number, point, values, float(np.mean([row["success"] for row in rows])) if rows else 0.0
-    )
+def _means(rows: Sequence[Row], points: int, objectives: list[str]) -> list[tuple[float, dict[str, float]]]:
+    """Return for each of so many ``points`` the share of successes and the means; 0 and NaN for one without rows."""
+    from pandas import DataFrame
+
+    table = DataFrame(rows, columns=["condition", "success", *objectives])
+    names = [condition_name(k) for k in range(points)]
+    means = table.groupby("condition")[["success", *objectives]].agg(mean_of).reindex(names)
+    success = means.pop("success").astype(float).fillna(0.0)
+    return list(zip(success.tolist(), means.astype(float).to_dict("records"), strict=True))
 
 
 def _marked(trials: Sequence[TuningTrial], trade_off: Mapping[str, float]) -> list[TuningTrial]:
     """Return the trials, marked which of those that succeed as often as any are on the front."""
     costs = np.array([[sign * trial.values[name] for name, sign in trade_off.items()] for trial in trials])
-    success = np.array([trial.success for trial in trials])
-    costs[success < success.max()] = np.nan
-    return [replace(t, best=bool(best)) for t, best in zip(trials, pareto_front(costs), strict=True)]
+    best = best_of(costs, np.array([trial.success for trial in trials]))
+    return [replace(trial, best=bool(on_front)) for trial, on_front in zip(trials, best, strict=True)]
 
 
 def _check(cases: Cases, dimensions: Sequence[Dimension], trials: int, generation: int) -> None:
@@ -162,18 +167,3 @@ def _suggest(trial: Any, dimension: Dimension) -> Any:
         return trial.suggest_categorical(dimension.name, list(dimension.values))
     # A share of the range, so that the search sees what the designs see, and numbers are rounded alike.
     return dimension.at(trial.suggest_float(dimension.name, 0.0, 1.0))
-
-
-def _tried(
-    cases: Cases,
-    points: Sequence[Point],
-    store: RowStore,
-    executor: Executor | None,
-    workers: int | None,
-    on_progress: Callable[[Progress], None] | None,
-) -> list[list[Row]]:
-    """Return the rows of each point over all cases; none for a point that ranks nothing."""
-    wanted = conditions(points)
-    rows = run_jobs(cases.jobs(wanted), store, executor=executor, workers=workers, on_progress=on_progress)
-    numbers = [int(row["condition"]) for row in rows]
-    return [[row for row, n in zip(rows, numbers, strict=True) if n == k] for k in range(len(points))]
