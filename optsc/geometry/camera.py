@@ -55,7 +55,7 @@ class PinholeCamera:
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, vertical: float) -> PinholeCamera:
-        """Return a camera with square pixels that looks along its middle.
+        """Return a camera with square pixels whose optical axis is in its middle.
 
         Args:
             width, height: size of the image in pixels.

@@ -126,7 +126,7 @@ def log(q: ArrayLike) -> Array:
 
 
 def slerp(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:
-    """Return the rotation at ``fraction`` of the shortest way from ``start`` to ``end``."""
+    """Return the rotation at ``fraction`` of the shortest path from ``start`` to ``end``."""
     step = log(multiply(conjugate(start), end))
     return multiply(start, exp(np.asarray(fraction, dtype=float)[..., None] * step))
 

@@ -27,7 +27,7 @@ REST = 0.2
 SHORTEST = 0.1
 """Shortest stretch of motion [s]; tuned here, one period of physiological tremor."""
 TREMOR = 0.2
-"""Time over which velocities are averaged to tell motion from trembling [s]; tuned here, two of its periods."""
+"""Time over which velocities are averaged to distinguish motion from trembling [s]; tuned here, two of its periods."""
 SMOOTHNESS_RATE = 100.0
 """Both smoothness measures depend on the sample rate, so everything is brought to this one [Hz]."""
 TURN_RADIUS = 0.1

@@ -1,4 +1,4 @@
-"""The clutch: how a hand's motion becomes the tool's, without a jump whenever the two are coupled anew.
+"""Clutch: how a hand's motion becomes the tool's, without a jump whenever the two are coupled again.
 
 Position is always relative to the point of engagement (Chen et al. 2023, section II.A, equations 1 and 2, with the
 station's rotation that the text leaves out):
@@ -43,7 +43,7 @@ class Slerp(Checked):
     def paper(cls, alpha: float, sample_rate: float) -> Slerp:
         """Return equation 3 of the paper: a constant factor ``alpha`` in (0, 1) per sample, unbounded in speed.
 
-        The factor is the share 1 - exp(-T / time_constant) of the way that one sample period T goes.
+        The factor is the share 1 - exp(-T / time_constant) of the mismatch that fades in one sample period T.
         """
         require("alpha", alpha, Above(0.0), Below(1.0))
         require("sample_rate", sample_rate, Positive)
@@ -71,10 +71,10 @@ class ClutchSettings(Checked):
         orientation: ``absolute`` (the paper) or ``relative``.
         slerp: how the mismatch of an absolute orientation fades.
         fade: time over which the hand's motion comes in after the clutch has closed [s]. From then on the mapping is
-            equations 1 and 2 to the letter; until then a share of the way is held back, so that an arm at rest is not
-            asked for a jump of speed when a hand is coupled that is already moving. Zero is the paper's.
+            equations 1 and 2 to the letter; until then a share of the displacement is held back, so that an arm at rest
+            is not asked for a jump of speed when a hand is coupled that is already moving. Zero is the paper's.
         largest_step: distance and angle from one sample to the next [m, rad] beyond which a hand has not moved but
-            jumped, as trackers do: it is then coupled anew where it is.
+            jumped, as trackers do: it is then coupled again where it is.
     """
 
     R_WS: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -102,7 +102,7 @@ class ClutchState(NamedTuple):
         mismatch: rotation that still separates tool and hand, applied on the left of the hand's.
         stamp: time of the last sample [s].
         since: when the clutch closed [s].
-        way, turn: how far the target was to go since then [m], and the sum of its turns [rad].
+        displacement, turn: how far the target was to go since then [m], and the sum of its turns [rad].
         held: share of both that is held back.
     """
 
@@ -113,7 +113,7 @@ class ClutchState(NamedTuple):
     mismatch: Quaternion
     stamp: float
     since: float
-    way: Vector = (0.0, 0.0, 0.0)
+    displacement: Vector = (0.0, 0.0, 0.0)
     turn: Vector = (0.0, 0.0, 0.0)
     held: float = 1.0
 
@@ -144,10 +144,10 @@ def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchSt
     hand_q = scalar.multiply(settings.R_WS, scalar.normalised(hand.q))
     held = _held(settings.fade, hand.stamp - state.since)
     step = _times(settings.scale, _minus(hand_p, state.hand_p))
-    way = _plus(state.way, step)
+    displacement = _plus(state.displacement, step)
     tool_p = _plus(state.tool_p, step)
     if held or state.held:
-        tool_p = _plus(tool_p, _minus(_times(state.held, state.way), _times(held, way)))
+        tool_p = _plus(tool_p, _minus(_times(state.held, state.displacement), _times(held, displacement)))
     mismatch, turn = state.mismatch, state.turn
     if settings.orientation == "relative":
         hand_turn = scalar.log(scalar.multiply(hand_q, scalar.conjugate(state.hand_q)))
@@ -166,14 +166,16 @@ def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchSt
         mismatch = settings.slerp.remaining(mismatch, hand.stamp - state.stamp)
         tool_q = scalar.multiply(mismatch, hand_q)
     tool_q = scalar.normalised(tool_q)
-    return ClutchState(hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, state.since, way, turn, held)
+    return ClutchState(
+        hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, state.since, displacement, turn, held
+    )
 
 
 def _held(fade: float, elapsed: float) -> float:
-    """Return the share of the way since the clutch closed that is held back ``elapsed`` [s] later: (1 - u)^2.
+    """Return the share of the displacement since the clutch closed that is held back ``elapsed`` [s] later: (1 - u)^2.
 
-    Of a steady hand's way v t the target then goes v t (2 u - u^2): it starts from rest, speeds up by 4 v / fade at
-    most, and makes up for what it was behind at no more than 4/3 of the hand's speed.
+    Of a steady hand's displacement v t the target then goes v t (2 u - u^2): it starts from rest, speeds up by
+    4 v / fade at most, and makes up for what it was behind at no more than 4/3 of the hand's speed.
     """
     if elapsed >= fade:
         return 0.0

@@ -1,4 +1,4 @@
-"""A mailbox between a device and the control loop: it holds the newest sample, and only that."""
+"""Mailbox between a device and the control loop: it holds the newest sample, and only that."""
 
 from __future__ import annotations
 

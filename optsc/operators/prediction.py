@@ -1,10 +1,10 @@
-"""From the tracker's clock to the control clock: a constant-acceleration filter with fading memory, on SE(3).
+"""Hand-pose prediction: a constant-acceleration filter with fading memory on SE(3), from tracker to control rate.
 
 The estimate is the quadratic in time that fits all samples best when a sample's weight decays exponentially with its
 age; the gains follow from how long ago the last sample was, so that the memory is the same in seconds at every rate and
 irregular samples need no case of their own. N. Morrison, "Introduction to Sequential Smoothing and Prediction",
 McGraw-Hill 1969 (fading-memory polynomial filters). Read at a time before the newest sample, as the servo does, it
-interpolates and guesses nothing.
+interpolates and does not extrapolate.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from optsc.geometry import scalar
 from optsc.geometry.scalar import Quaternion, Vector
 
 FADING = 0.05
-"""Time constant [s] with which an acceleration is taken to end beyond the newest sample (ours): a hand's do."""
+"""Time constant [s] with which an acceleration is taken to end beyond the newest sample (tuned here): a hand's do."""
 
 
 @dataclass(frozen=True)
 class PredictionSettings(Checked):
-    """How long samples count, and how far beyond the last of them a motion is carried on.
+    """How long samples count, and how far beyond the last of them a motion is extrapolated.
 
     Attributes:
         memory: time constant with which older samples are forgotten [s]; more smooths more.
-        horizon: how far beyond the last sample its motion is carried on at most [s].
+        horizon: how far beyond the last sample its motion is extrapolated at most [s].
         longest_gap: samples further apart than this [s] start the estimate afresh, at rest ...
         largest_step: ... and so does one that is further than this from where it was expected [m, rad]: nothing moves
             like that, so its speed says nothing.

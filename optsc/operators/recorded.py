@@ -1,4 +1,4 @@
-"""A recorded hand, played back in place of a person."""
+"""Hand recordings: read from a file, scaled, and played back in place of a person."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class HandRecording:
 
     @classmethod
     def example(cls) -> HandRecording:
-        """Return the recording that comes along: a brisk hand for 40 s at 50 Hz; see README.md in optsc/data.
+        """Return the recording that comes along: a quick hand for 40 s at 50 Hz; see README.md in optsc/data.
 
         It reaches and turns further than an arm on a table does: scale it with `scaled`.
         """

@@ -1,4 +1,4 @@
-"""What an operator hands in at one instant, what the operator sees, and the border check between the two."""
+"""Operator interface: one reading of the hand, what the operator sees, and the check of incoming samples."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class OperatorView(NamedTuple):
         finished: whether the task is done.
         objects: pose of each object in the world.
         grasps: the grasp that is shown for each object, tool poses in the world; {} where none is.
-        target: the object that the robot is grasping by itself; None where it does not, or nothing tells.
+        target: the object that the robot is grasping by itself; None where it does not, or it is unknown.
     """
 
     time: float

@@ -2,7 +2,7 @@
 
 G. Casiez, N. Roussel, D. Vogel, "1 EUR filter: a simple speed-based low-pass filter for noisy input in interactive
 systems", CHI 2012. The cut-off frequency rises with the speed: calm at rest, quick in motion. A plain low-pass is the
-same filter with a slope of zero. Rotations go the same share of the way by SLERP, at the speed of their vector.
+same filter with a slope of zero. Rotations are blended by SLERP with a share from the speed of their vector.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ class SmoothedHand(NamedTuple):
 
 
 def begin(hand: Hand) -> SmoothedHand:
-    """Return a filter that starts at ``hand``, at rest: a fresh one for every engagement, with nothing left over."""
+    """Return a filter that starts at ``hand``, at rest: a new one for every engagement, with nothing left over."""
     return SmoothedHand(hand, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def share(cutoff: float, elapsed: float) -> float:
-    """Return the share of the way to a new value that a first-order low-pass goes in ``elapsed`` [s]."""
+    """Return the share of a step that a first-order low-pass follows in ``elapsed`` [s]."""
     return 1.0 / (1.0 + 1.0 / (2.0 * pi * cutoff * elapsed))
 
 

@@ -301,7 +301,7 @@ class SumOfCosts(GraspCost):
     def values(self, situation: Situation) -> Array:
         """Return the sum (K, M); a term of weight zero is not even computed."""
         grid = situation.grid
-        total = situation.chosen(grid.remembered(self.terms, self._of_the_table))
+        total = situation.chosen(grid.cached(self.terms, self._of_the_table))
         for cost, weight in self.terms:
             if weight != 0.0 and not isinstance(cost, TableCost):
                 total = total + weight * cost.values(situation)

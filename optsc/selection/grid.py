@@ -1,4 +1,4 @@
-"""Candidates and reach table laid out for ranking: one line per object, its candidates along it.
+"""Ranking grid: candidates and reach table as arrays with one line per object, its candidates along it.
 
 The layout is the same whatever the order in which the candidates came, and all objects are handled by one
 array operation each; shorter lines are padded with places that are never admissible.
@@ -86,14 +86,14 @@ class Grid:
         reachable: (K, M) places of which at least one twin can be used.
         manipulability: (T, K, M).
         first_rows: (K * M,) row of the table of the stored twin at each place.
-        seeds: (N * T, n) posture of the arm from which each row of the table was solved [rad].
+        seeds: (N * T, n) configuration of the arm from which each row of the table was solved [rad].
     """
 
     def __init__(self, table: ReachTable) -> None:
         self.layout = Layout.of(table.candidates)
         self.table = table
         self._columns: dict[str, Array] = {}
-        self._remembered: dict[int, tuple[object, Array]] = {}
+        self._cached: dict[int, tuple[object, Array]] = {}
         self.positions = _components_first(self.layout.spread(table.X_WG.translation[:, 0]))
         quaternions = self._per_twin(table.X_WG.quaternion, [1.0, 0.0, 0.0, 0.0])
         self.quaternions = _components_first(quaternions)
@@ -102,10 +102,10 @@ class Grid:
         self._read_status()
 
     def with_table(self, table: ReachTable) -> Grid:
-        """Return the grid of a table of the same candidates, some of whose rows were solved anew."""
+        """Return the grid of a table of the same candidates, some of whose rows were solved again."""
         grid = copy.copy(self)
         grid.__dict__.pop("q_grasp", None)
-        grid.table, grid._columns, grid._remembered = table, {}, {}
+        grid.table, grid._columns, grid._cached = table, {}, {}
         grid._read_status()
         return grid
 
@@ -129,7 +129,7 @@ class Grid:
 
     @cached_property
     def q_grasp(self) -> Array:
-        """Postures at the grasps (n, T, K, M) [rad]."""
+        """Configurations at the grasps (n, T, K, M) [rad]."""
         return _components_first(self._per_twin(self.table.q_grasp))
 
     @cached_property
@@ -145,12 +145,12 @@ class Grid:
             self._columns[name] = self._per_twin(self.table.columns[name])
         return self._columns[name]
 
-    def remembered(self, key: object, compute: Callable[[Grid], Array]) -> Array:
+    def cached(self, key: object, compute: Callable[[Grid], Array]) -> Array:
         """Return ``compute(self)``, from the second call with the very same ``key`` object on without computing."""
         # The key itself is kept, so that its number cannot become another's.
-        if id(key) not in self._remembered:
-            self._remembered[id(key)] = key, compute(self)
-        return self._remembered[id(key)][1]
+        if id(key) not in self._cached:
+            self._cached[id(key)] = key, compute(self)
+        return self._cached[id(key)][1]
 
     @cached_property
     def quality(self) -> Array:
@@ -169,7 +169,7 @@ class Situation(NamedTuple):
         grid: the candidates and their reach.
         quaternion: (4,) orientation of the tool that the operator moves, unit.
         position: (3,) [m].
-        q: (n,) present posture of the arm [rad].
+        q: (n,) present configuration of the arm [rad].
         turned: (K, M) bool, True where the half-turned jaw twin is the one to use; None when there are no
             twins.
         similarity: (K, M) |q . q_i| in [0, 1] of the twin to use: cosine of half the angle between hand and
@@ -194,8 +194,8 @@ class Situation(NamedTuple):
 def situate(grid: Grid, quaternion: Array, position: Array, q: Array) -> Situation:
     """Return ``grid`` as seen from a finite hand pose: unit quaternion (4,) and position (3,) [m].
 
-    Of two jaw twins the nearer in orientation is used among those that the arm can carry out; if it can
-    carry out both or none, simply the nearer; if both are equally near, the stored one.
+    Of two jaw twins the nearer in orientation is used among those that the arm can reach; if it can
+    reach both or none, simply the nearer; if both are equally near, the stored one.
     """
     similarity = np.abs(quaternion @ grid._flat_quaternions).reshape(grid.status.shape)
     if len(similarity) == 1:

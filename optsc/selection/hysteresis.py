@@ -8,18 +8,18 @@ ranking exactly as it is, whatever the rule and its costs; a hand that drifts ov
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, sqrt
-from typing import NamedTuple
+from math import sqrt
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from optsc.errors import InvalidValue
+from optsc.checks import Checked, NonNegative
 from optsc.geometry import scalar
 from optsc.geometry.rotation import Array
 
 
 class Viewpoint(NamedTuple):
-    """What a ranking is made for: unit quaternion (4,), position (3,) [m] of the tool, posture (n,) [rad]."""
+    """What a ranking is made for: unit quaternion (4,), position (3,) [m] of the tool, configuration (n,) [rad]."""
 
     quaternion: Array
     position: Array
@@ -27,12 +27,12 @@ class Viewpoint(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Hysteresis:
+class Hysteresis(Checked):
     """How far hand and arm move before the ranking takes notice.
 
-    The defaults are ours: they cover the stillest stretches of a recorded hand, and are less than what a person aims
-    at (`python -m benchmarks.stability`). The price is a choice that is right for a pose at most that far from the
-    hand's.
+    The defaults are tuned here: they cover the stillest stretches of a recorded hand, and are less than what a person
+    aims at (`python -m benchmarks.stability`). The price is a choice that is right for a pose at most that far from
+    the hand's.
 
     Attributes:
         position: of the tool [m].
@@ -40,14 +40,9 @@ class Hysteresis:
         joint: of every joint [rad].
     """
 
-    position: float = 0.015
-    angle: float = 0.1
-    joint: float = 0.05
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0.0 <= value < inf:
-                raise InvalidValue(name, value, "0 or more, finite")
+    position: Annotated[float, NonNegative] = 0.015
+    angle: Annotated[float, NonNegative] = 0.1
+    joint: Annotated[float, NonNegative] = 0.05
 
     def dragged(self, last: Viewpoint | None, new: Viewpoint) -> Viewpoint:
         """Return the viewpoint that ``last`` becomes when hand and arm are at ``new``; ``last`` itself inside."""

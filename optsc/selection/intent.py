@@ -1,16 +1,16 @@
-"""Which object is meant: a belief over objects from the motion of the hand.
+"""Intent inference: a belief over goal objects from the motion of the hand.
 
-Of an object with many grasps the nearest counts: its cost-to-go V_g is the least over all poses the arm can carry
-out. A person who wants object g moves so that little is wasted; what a motion from x to x' wastes is
+Of an object with many grasps the nearest counts: its cost-to-go V_g is the least over all poses the arm can
+reach. A person who wants object g moves so that little is wasted; what a motion from x to x' wastes is
 
     s_g = C_g(x, x') + V_g(x') - V_g(x),   C_g = V_t'(d) |dp| + V_r'(a) |da|,
 
-with d and a the distance and angle from x to the nearest grasp: the motion's length at the price that the way to go
-has there. Straight towards a single grasp nothing is wasted. The belief follows Boltzmann's law, b_g <- b_g exp(-beta
-s_g), normalised: the recursive form of maximum-entropy goal inference (A. Dragan, S. Srinivasa, "A policy-blending
-formalism for shared control", 2013; S. Javdani et al., "Shared autonomy via hindsight optimization", 2018). As V
-telescopes, a way of many steps wastes what they cost together, less what it gained: V_g at its start minus V_g at its
-end. The cost-to-go with its constants is that of the authors' program; there a step costs 0.1 s of the slope,
+with d and a the distance and angle from x to the nearest grasp: the motion's length at the price that the remaining
+path has there. Straight towards a single grasp nothing is wasted. The belief follows Boltzmann's law, b_g <- b_g
+exp(-beta s_g), normalised: the recursive form of maximum-entropy goal inference (A. Dragan, S. Srinivasa, "A policy-
+blending formalism for shared control", 2013; S. Javdani et al., "Shared autonomy via hindsight optimization", 2018).
+As V telescopes, a path of many steps wastes what they cost together, less what it gained: V_g at its start minus V_g
+at its end. The cost-to-go with its constants is that of the authors' program; there a step costs 0.1 s of the slope,
 whatever its length, which makes trembling near a grasp speak for it.
 
 That belief runs away once the assistance moves the tool (R. Aronson, E. Short, arXiv:2408.12103). Here only the
@@ -21,19 +21,19 @@ objects.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isfinite, pi
-from typing import NamedTuple
+from math import pi
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from optsc.errors import InvalidValue, require_pair
+from optsc.checks import AtLeast, Below, Checked, NonNegative, Pair, Positive
 from optsc.geometry import rotation
 from optsc.geometry.rotation import Array
 from optsc.selection.reach import REACHED, ReachTable
 
 
 @dataclass(frozen=True)
-class HuberCost:
+class HuberCost(Checked):
     """A cost-to-go that is quadratic near the goal and linear far from it.
 
         V(d) = weight (gain / (2 width) d^2 + slope d)             for d <= width
@@ -46,15 +46,10 @@ class HuberCost:
         weight: of it all [1].
     """
 
-    gain: float
-    width: float
-    slope: float
-    weight: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (isfinite(value) and value > 0):
-                raise InvalidValue(name, value, "positive and finite")
+    gain: Annotated[float, Positive]
+    width: Annotated[float, Positive]
+    slope: Annotated[float, Positive]
+    weight: Annotated[float, Positive] = 1.0
 
     def value(self, distance: Array) -> Array:
         """Return the cost-to-go (...) at distances (...), none of them negative."""
@@ -68,13 +63,13 @@ class HuberCost:
 
 
 @dataclass(frozen=True)
-class IntentSettings:
+class IntentSettings(Checked):
     """How motion of the hand becomes belief.
 
     Attributes:
         translation, rotation: cost-to-go over distance and angle; the constants of Javdani et al.
         rationality: beta, belief per cost wasted [1]: how straight people are taken to go. With 1, as there, half a
-            metre of reaching barely tells two objects apart that stand side by side; ours is higher.
+            metre of reaching barely tells two objects apart that stand side by side; the default is tuned here.
         leak: share of the belief that goes back to all objects alike at each update [1].
         cap: belief in one object at most [1].
         dead_band: distance and angle that the hand moves from update to update [m, rad]; less is rest.
@@ -82,24 +77,15 @@ class IntentSettings:
 
     translation: HuberCost = field(default_factory=lambda: HuberCost(2.25, 0.07, 0.2))
     rotation: HuberCost = field(default_factory=lambda: HuberCost(0.20, pi / 32, 0.01, 0.07))
-    rationality: float = 5.0
-    leak: float = 0.01
-    cap: float = 0.99
-    dead_band: tuple[float, float] = (0.01, 0.1)
-
-    def __post_init__(self) -> None:
-        if not (isfinite(self.rationality) and self.rationality > 0):
-            raise InvalidValue("rationality", self.rationality, "positive and finite")
-        if not 0.0 <= self.leak < 1.0:
-            raise InvalidValue("leak", self.leak, "from 0 up to 1")
-        if not 0.5 <= self.cap < 1.0:
-            raise InvalidValue("cap", self.cap, "from 0.5 up to 1")
-        require_pair("IntentSettings", {"dead_band": self.dead_band})
+    rationality: Annotated[float, Positive] = 5.0
+    leak: Annotated[float, NonNegative, Below(1.0)] = 0.01
+    cap: Annotated[float, AtLeast(0.5), Below(1.0)] = 0.99
+    dead_band: Annotated[tuple[float, float], Pair] = (0.01, 0.1)
 
 
 @dataclass(frozen=True, eq=False)
 class Goals:
-    """The grasps of all objects that the arm can carry out, with both jaw twins: R poses of K objects.
+    """The grasps of all objects that the arm can reach, with both jaw twins: R poses of K objects.
 
     Attributes:
         names: the objects that have one (K,), sorted.
@@ -177,7 +163,7 @@ def wasted(settings: IntentSettings, before: CostToGo, after: CostToGo, moved: f
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """How likely each of K objects is meant.
+    """How likely each of K objects is the intended goal.
 
     Attributes:
         names: the objects, sorted.
@@ -202,7 +188,7 @@ class Belief:
 
     @property
     def gap(self) -> float:
-        """By how much the most probable object leads the second; 1 where there is only one, 0 where there is none."""
+        """By how much the most probable object exceeds the second; 1 where there is only one, 0 where there is none."""
         if len(self.names) < 2:
             return float(len(self.names))
         second, first = np.partition(self.probability, -2)[-2:]
@@ -222,7 +208,7 @@ class Belief:
 
 
 def updated(settings: IntentSettings, belief: Belief, waste: Array) -> Belief:
-    """Return the belief after a motion that would have wasted ``waste`` (K,) on the way to each object.
+    """Return the belief after a motion that would have wasted ``waste`` (K,) towards each object.
 
     b_g exp(-beta s_g), normalised; then the leak; then the excess of the greatest over the cap goes to the others
     evenly.

@@ -1,4 +1,4 @@
-"""Rules that rank candidates by their costs: the paper's cascade, a weighted sum, lexicographic order.
+"""Ranking rules over grasp costs: the paper's cascade, a weighted sum, lexicographic order.
 
 A rule sees every object by itself. Ties (keys that differ by less than a cost's resolution) are decided by
 the other costs of the rule in turn, at last by the grasp index, so that no ranking hangs on the order of the
@@ -10,9 +10,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from optsc.checks import AtLeast, Checked, NonNegative, Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
 from optsc.selection.costs import (
@@ -108,7 +110,7 @@ class Rule(ABC):
     @property
     @abstractmethod
     def costs(self) -> tuple[GraspCost, ...]:
-        """The costs the rule looks at, in its order."""
+        """The costs the rule reads, in its order."""
 
     @property
     @abstractmethod
@@ -130,15 +132,11 @@ def _rounded(cost: GraspCost, situation: Situation) -> Array:
 
 
 @dataclass(frozen=True)
-class Stage:
+class Stage(Checked):
     """Keep the best candidates by one cost, all where there are fewer."""
 
     cost: GraspCost
-    keep: int = 1
-
-    def __post_init__(self) -> None:
-        if self.keep < 1:
-            raise InvalidValue(f"candidates kept by {self.cost.name}", self.keep, "1 or more")
+    keep: Annotated[int, AtLeast(1)] = 1
 
 
 @dataclass(frozen=True)
@@ -175,7 +173,7 @@ class Cascade(Rule):
 
     @classmethod
     def manipulability_only(cls) -> Cascade:
-        """Return the older strategy, which does not look at the hand: the highest manipulability of all."""
+        """Return the older strategy, which ignores the hand: the highest manipulability of all."""
         return cls((Stage(ManipulabilityLoss()),))
 
     @property
@@ -212,8 +210,7 @@ class WeightedSum(Rule):
     def __post_init__(self) -> None:
         terms = tuple((cost, float(weight)) for cost, weight in self.terms)
         for cost, weight in terms:
-            if not 0.0 <= weight < np.inf:
-                raise InvalidValue(f"weight of {cost.name}", weight, "0 or more, finite")
+            require(f"weight of {cost.name}", weight, NonNegative)
         if not any(weight for _, weight in terms):
             raise InvalidValue("weights", [weight for _, weight in terms], "at least one above 0")
         object.__setattr__(self, "terms", terms)
@@ -251,8 +248,7 @@ class Lexicographic(Rule):
     def __post_init__(self) -> None:
         steps = tuple((cost, float(width)) for cost, width in self.steps)
         for cost, width in steps:
-            if not 0.0 < width < np.inf:
-                raise InvalidValue(f"step width of {cost.name}", width, f"above 0 {cost.unit}, finite")
+            require(f"step width of {cost.name}", width, Positive)
         if not steps:
             raise InvalidValue("costs in lexicographic order", (), "at least one")
         object.__setattr__(self, "steps", steps)
