@@ -12,7 +12,7 @@ import pybullet
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PointCloud, Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
-from optsc.perception import Segment, segment
+from optsc.perception import Segment, segment_image
 from optsc.robot import RobotModel
 from optsc.sim import ObjectModel, Tabletop, tabletop
 from optsc.sim.bullet_bodies import add_object, bullet_pose, connect, inertia
@@ -108,7 +108,7 @@ def single_view(robot: RobotModel, model: ObjectModel, seed: int) -> View | None
     world: Tabletop = tabletop(robot, (model,), seed=seed)
     with DepthCamera(world, noise=DepthNoise()) as camera:
         view = camera.look(robot.home, rng=np.random.default_rng(seed))
-    segments, mine = segment(view.image), view.pixels_of(model.name)
+    segments, mine = segment_image(view.image).segments, view.pixels_of(model.name)
     if not segments:
         return None
     best = max(segments, key=lambda s: int((s.pixels & mine).sum()))

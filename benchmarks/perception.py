@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.machine import markdown_table, save
+from benchmarks.pose_errors import surface_distance, surface_tail
 from optsc.errors import InvalidValue
 from optsc.geometry import PointCloud, Pose
 from optsc.perception import (
@@ -36,9 +37,7 @@ from optsc.perception import (
     register_scene,
     robot_depth,
     robot_mask,
-    segment,
-    surface_distance,
-    surface_tail,
+    segment_image,
 )
 from optsc.robot import RobotModel, load_robot
 from optsc.sim.camera import CameraView, DepthCamera
@@ -128,7 +127,7 @@ def one_scene(
     start = time.perf_counter(), time.process_time()
     arm = robot_depth(robot, view.scene.q, image.camera, image.X_WC)
     if segments == "found":
-        pieces = segment(image, robot_mask=robot_mask(robot, view.scene.q, image))
+        pieces = segment_image(image, robot_mask=robot_mask(robot, view.scene.q, image)).segments
     else:
         pieces = true_segments(view.view)
     found = register_scene(pieces, templates, image, robot_depth=arm, settings=settings, seed=seed)

@@ -22,7 +22,7 @@ from optsc.perception import (
     register_scene,
     robot_depth,
     robot_mask,
-    segment,
+    segment_image,
 )
 from optsc.robot import load_robot
 
@@ -36,7 +36,7 @@ def recognised(seed: int, robot_name: str) -> tuple[View, tuple[RegisteredSegmen
     view = seen(robot, seed)
     image = view.view.image
     arm = robot_depth(robot, view.scene.q, image.camera, image.X_WC)
-    pieces = segment(image, robot_mask=robot_mask(robot, view.scene.q, image))
+    pieces = segment_image(image, robot_mask=robot_mask(robot, view.scene.q, image)).segments
     found = register_scene(pieces, catalogue_templates(), image, robot_depth=arm, seed=seed)
     return view, found, arm
 

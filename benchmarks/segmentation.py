@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.machine import markdown_table, save
 from optsc.geometry import PinholeCamera
-from optsc.perception import robot_depth, robot_mask, segment
+from optsc.perception import robot_depth, robot_mask, segment_image
 from optsc.perception.segments import Segment
 from optsc.robot import load_robot
 from optsc.sim.camera import CameraView, DepthCamera
@@ -72,7 +72,7 @@ def looked_at(scene: ClutteredScene, camera: PinholeCamera, seed: int, clock: Cl
     image = view.image
     predicted = clock.timed("the arm's depth", lambda: robot_depth(robot, q, image.camera, image.X_WC))
     arm = clock.timed("the arm's pixels", lambda: robot_mask(robot, q, image))
-    segments = clock.timed("segmentation", lambda: segment(image, robot_mask=arm))
+    segments = clock.timed("segmentation", lambda: segment_image(image, robot_mask=arm).segments)
     return Seen(view, arm, predicted, segments)
 
 

@@ -23,7 +23,7 @@ from optsc.perception import (
     register_scene,
     robot_depth,
     robot_mask,
-    segmented,
+    segment_image,
     template_from_file,
     view_is_clear,
 )
@@ -102,7 +102,7 @@ def objects_in(
     Raises:
         InvalidValue: nothing was measured, or nothing stands on the table.
     """
-    found = segmented(image, table_height=wanted.table_height, robot_mask=arm)
+    found = segment_image(image, table_height=wanted.table_height, robot_mask=arm)
     _check_anything(image, found, wanted.table_height)
     look = Observation(image, found.segments, hiding, wanted.table_height)
     seen: list[Seen] = []

@@ -1,6 +1,5 @@
 """What a depth camera sees: objects apart from table and arm, whether the arm hides them, and what they are."""
 
-from optsc.perception.accuracy import add_s, surface_distance, surface_tail
 from optsc.perception.completion import complete_cloud
 from optsc.perception.depth_files import load_depth_image, save_depth_image
 from optsc.perception.observer import ObserverSettings, SceneObserver
@@ -8,13 +7,13 @@ from optsc.perception.occlusion import Occlusion, robot_depth, robot_mask, view_
 from optsc.perception.registration import Alternative, Registration, RegistrationSettings, register
 from optsc.perception.scene_registration import RegisteredSegment, register_scene
 from optsc.perception.scene_state import Explanation, KnownObject, SceneEvent, SceneEventKind, SceneState
+from optsc.perception.scoring import add_s
 from optsc.perception.search import SearchSettings
 from optsc.perception.segmentation import (
     DroppedCluster,
     Segmentation,
     SegmentationSettings,
-    segment,
-    segmented,
+    segment_image,
 )
 from optsc.perception.segments import Segment, joined_segments, segment_from_pixels, split_at_creases
 from optsc.perception.templates import (
@@ -57,12 +56,9 @@ __all__ = [
     "robot_depth",
     "robot_mask",
     "save_depth_image",
-    "segment",
     "segment_from_pixels",
-    "segmented",
+    "segment_image",
     "split_at_creases",
-    "surface_distance",
-    "surface_tail",
     "template_from_file",
     "template_from_mesh",
     "view_is_clear",

@@ -75,7 +75,7 @@ def complete_cloud(
         there, _ = template.field.lookup((other.inverse() @ X_WO).apply(surface))
         missing &= np.abs(there) <= COMMON
     if image is not None:
-        through, _ = free_space(image, robot_depth).judge(X_WO.apply(surface))
+        through, _ = free_space(image, robot_depth).classify(X_WO.apply(surface))
         missing &= ~through
     return PointCloud(
         np.concatenate([points[near], surface[missing]]),

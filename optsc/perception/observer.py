@@ -24,7 +24,7 @@ from optsc.perception.occlusion import robot_depth, robot_mask, view_is_clear
 from optsc.perception.registration import Registration, RegistrationSettings, register
 from optsc.perception.scene_registration import RegisteredSegment, register_scene, without_overlaps
 from optsc.perception.scene_state import KnownObject, SceneEvent, SceneEventKind, SceneState
-from optsc.perception.segmentation import SegmentationSettings, segmented
+from optsc.perception.segmentation import SegmentationSettings, segment_image
 from optsc.perception.segments import Segment
 from optsc.perception.templates import Template
 from optsc.perception.tracking import (
@@ -147,7 +147,7 @@ class SceneObserver:
         return memory, tuple(events)
 
     def _segments(self, image: DepthImage, q: ArrayLike) -> tuple[Segment, ...]:
-        return segmented(
+        return segment_image(
             image,
             table_height=self.settings.table_height,
             robot_mask=robot_mask(self.robot, q, image),

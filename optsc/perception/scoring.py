@@ -1,4 +1,7 @@
-"""Scores of pose hypotheses: whether the seen points lie on the template, and whether the template is in free space."""
+"""Scores of pose hypotheses: are the seen points on the template, and is the template nowhere in free space?
+
+And the error of a pose whose true value is known (ADD-S).
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from optsc.errors import InvalidValue
-from optsc.geometry import DepthImage
+from optsc.geometry import DepthImage, Pose
 from optsc.geometry.rotation import Array
 from optsc.perception.pose_hypotheses import PoseHypotheses
 from optsc.perception.templates import Template
+
+_FACING = 0.1  # cosine; what is seen at a more grazing angle is seen or not by chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +32,7 @@ class FreeSpace:
     front: Array
     tolerance: float
 
-    def judge(self, points: Array) -> tuple[np.ndarray, np.ndarray]:
+    def classify(self, points: Array) -> tuple[np.ndarray, np.ndarray]:
         """Return for points (..., 3) in W [m] whether each was seen through and whether it was seen, both (...) bool.
 
         Seen through: the camera measured something behind it, all around its pixel. Seen: it measured about its
@@ -37,12 +42,9 @@ class FreeSpace:
         local = (points - X_WC.translation) @ X_WC.rotation_matrix()
         z = local[..., 2]
         inverse = 1.0 / np.maximum(z, 1e-6)
-        u = np.rint(np.clip(camera.cx + camera.fx * local[..., 0] * inverse, -1.0, camera.width)).astype(
-            np.int32
-        )
-        v = np.rint(np.clip(camera.cy + camera.fy * local[..., 1] * inverse, -1.0, camera.height)).astype(
-            np.int32
-        )
+        u = np.clip(camera.cx + camera.fx * local[..., 0] * inverse, -1.0, camera.width)
+        v = np.clip(camera.cy + camera.fy * local[..., 1] * inverse, -1.0, camera.height)
+        u, v = np.rint(u).astype(np.int32), np.rint(v).astype(np.int32)
         inside = (z > 1e-6) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
         pixel = np.where(inside, v * camera.width + u, 0)
         with np.errstate(invalid="ignore"):
@@ -138,7 +140,7 @@ def fit(
     residual = tolerance * np.sqrt((square * near).sum(axis=1) / np.maximum(near.sum(axis=1), 1))
     close = np.clip(1.0 - square, 0.0, None).mean(axis=1)
     placed = hypotheses.to_world(template.points[:count])
-    through, seen = space.judge(placed)
+    through, seen = space.classify(placed)
     through |= placed[..., 2] < table_height - space.tolerance
     violations = through.sum(axis=1) / np.maximum((through | seen).sum(axis=1), 1)
     return Fit(close - violations, close, inliers, residual, violations)
@@ -160,18 +162,20 @@ def shape_distance(
     return np.maximum(*(np.sort(np.abs(d), axis=1)[:, -worst:].mean(axis=1) for d in (out, back)))
 
 
-_FACING = 0.1  # cosine; what is seen at a more grazing angle is seen or not by chance
-
-
-def self_visible(template: Template, hypothesis: PoseHypotheses, space: FreeSpace) -> np.ndarray:
+def self_visible(template: Template, pose: PoseHypotheses, space: FreeSpace) -> np.ndarray:
     """Return which of the template's points (N,) bool the camera would see if nothing else were there.
 
     Those that face it and have no other point of the template in front, in an image whose pixels are as large as the
     points are apart.
+
+    Args:
+        template: the shape.
+        pose: X_WO, one.
+        space: the image.
     """
     camera, X_WC = space.image.camera, space.image.X_WC
-    local = X_WC.inverse().apply(hypothesis.to_world(template.points)[0])
-    normals = template.normals @ hypothesis.R[0].T @ X_WC.rotation_matrix()
+    local = X_WC.inverse().apply(pose.to_world(template.points)[0])
+    normals = template.normals @ pose.R[0].T @ X_WC.rotation_matrix()
     z = local[:, 2]
     facing = -(normals * local).sum(axis=1) > _FACING * np.linalg.norm(local, axis=1)
     if not (z > 1e-6).all():
@@ -184,16 +188,35 @@ def self_visible(template: Template, hypothesis: PoseHypotheses, space: FreeSpac
     return np.asarray(facing & (z <= nearest[row, column] + 1.5 * space.tolerance))
 
 
-def visible_fraction(template: Template, hypothesis: PoseHypotheses, space: FreeSpace) -> float:
+def visible_fraction(template: Template, pose: PoseHypotheses, space: FreeSpace) -> float:
     """Return the share of what the camera would see of the template alone that it did see, 0 to 1."""
-    shown = self_visible(template, hypothesis, space)
-    _, seen = space.judge(hypothesis.to_world(template.points)[0])
-    total = _weights(template, hypothesis, space)[shown].sum()
-    return float(_weights(template, hypothesis, space)[shown & seen].sum() / total) if total > 0.0 else 0.0
-
-
-def _weights(template: Template, hypothesis: PoseHypotheses, space: FreeSpace) -> Array:
-    """Return the area that each point stands for in the image, but for a factor (N,)."""
-    towards = space.image.X_WC.translation - hypothesis.to_world(template.points)[0]
+    points = pose.to_world(template.points)[0]
+    shown = self_visible(template, pose, space)
+    _, seen = space.classify(points)
+    towards = space.image.X_WC.translation - points
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-    return np.clip(((template.normals @ hypothesis.R[0].T) * towards).sum(axis=1), 0.0, None)
+    # The area in the image that each point stands for, but for a factor.
+    area = np.clip(((template.normals @ pose.R[0].T) * towards).sum(axis=1), 0.0, None)
+    total = area[shown].sum()
+    return float(area[shown & seen].sum() / total) if total > 0.0 else 0.0
+
+
+def add_s(points: Array, X_true: Pose, X_found: Pose) -> float:
+    """Return ADD-S [m]: the mean distance from each true point to the nearest found one.
+
+    mean over p of min over p' of |X_true p - X_found p'| (S. Hinterstoisser et al., 2012, equation 7; the name is
+    that of Y. Xiang et al., PoseCNN, 2018). It does not see a difference that the shape does not show.
+
+    Args:
+        points: of the model's surface (N, 3) [m], in O, evenly spread.
+        X_true, X_found: poses of O in one and the same frame.
+
+    Raises:
+        InvalidValue: no points.
+    """
+    from scipy.spatial import cKDTree
+
+    if points.ndim != 2 or points.shape[1:] != (3,) or len(points) == 0:
+        raise InvalidValue("points of the model", points.shape, "shape (N, 3), at least one point")
+    nearest, _ = cKDTree(X_found.apply(points)).query(X_true.apply(points))
+    return float(nearest.mean())

@@ -1,4 +1,4 @@
-"""Objects on a table, apart from the table, the arm and each other, from depth alone.
+"""Segmentation: objects on a table apart from the table, the arm and each other, from depth alone.
 
 What stands out of the table's plane is split where neighbouring pixels are too far apart in space. An object that
 hides a part of itself, as a drill's barrel hides its grip from above, comes in two pieces: a piece that would hang
@@ -8,10 +8,11 @@ in the air is given to the one below it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from optsc.checks import AtLeast, Between, Checked, Positive, Share, Where
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage
 from optsc.geometry.rotation import Array
@@ -19,15 +20,16 @@ from optsc.perception.segments import Segment, segment_from_pixels
 from optsc.perception.table import TablePlane, find_table
 
 RIM = 0.025
-"""The inner side of a hollow thing comes this close to the outer one at its rim [m]."""
+"""The inner side of a hollow object comes this close to the outer one at its rim [m]."""
 SAME_RIM = 0.008
 """And the two end at heights that differ by no more than this [m]."""
+_ODD = Where("odd", lambda n: n % 2 == 1)
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0), (0, 3), (3, 0))  # rows, columns to a neighbour
-_LOOKED_OVER = ((0, 1), (1, 0), (0, 3), (3, 0), (0, 5), (5, 0))
+_OCCLUSION_STEPS = ((0, 1), (1, 0), (0, 3), (3, 0), (0, 5), (5, 0))
 
 
 @dataclass(frozen=True)
-class SegmentationSettings:
+class SegmentationSettings(Checked):
     """What counts as an object.
 
     Attributes:
@@ -43,29 +45,15 @@ class SegmentationSettings:
         normal_window: side of the square of pixels that a normal is fitted to, odd.
     """
 
-    lowest: float = 0.008
-    highest: float = 0.6
-    gap: float = 0.008
-    pixels: float = 4.0
-    reach: float = 0.6
-    smallest: int = 60
-    largest: float = 0.5
-    overhang: float = 0.025
-    normal_window: int = 7
-
-    def __post_init__(self) -> None:
-        for field in ("lowest", "highest", "gap", "largest", "overhang"):
-            value = getattr(self, field)
-            if not 0.0 < value < float("inf"):
-                raise InvalidValue(f"SegmentationSettings.{field}", value, "finite, more than 0 m")
-        if not (0.0 <= self.pixels < 100.0 and 0.0 <= self.reach <= 1.0):
-            raise InvalidValue(
-                "SegmentationSettings.pixels, reach", (self.pixels, self.reach), "0 to 100, 0 to 1"
-            )
-        if self.smallest < 1:
-            raise InvalidValue("SegmentationSettings.smallest", self.smallest, "at least 1 pixel")
-        if self.normal_window < 3 or self.normal_window % 2 == 0:
-            raise InvalidValue("SegmentationSettings.normal_window", self.normal_window, "odd, at least 3")
+    lowest: Annotated[float, Positive] = 0.008
+    highest: Annotated[float, Positive] = 0.6
+    gap: Annotated[float, Positive] = 0.008
+    pixels: Annotated[float, Between(0.0, 100.0)] = 4.0
+    reach: Annotated[float, Share] = 0.6
+    smallest: Annotated[int, AtLeast(1)] = 60
+    largest: Annotated[float, Positive] = 0.5
+    overhang: Annotated[float, Positive] = 0.025
+    normal_window: Annotated[int, AtLeast(3), _ODD] = 7
 
 
 class DroppedCluster(NamedTuple):
@@ -77,7 +65,7 @@ class DroppedCluster(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """Everything that was found in an image.
+    """The objects in an image, and what was left out.
 
     Attributes:
         segments: the objects, the largest in the image first.
@@ -90,18 +78,7 @@ class Segmentation:
     table: TablePlane
 
 
-def segment(
-    image: DepthImage,
-    *,
-    table_height: float | None = 0.0,
-    robot_mask: np.ndarray | None = None,
-    settings: SegmentationSettings | None = None,
-) -> tuple[Segment, ...]:
-    """Return the objects in an image, the largest first; see `segmented` for what was left out."""
-    return segmented(image, table_height=table_height, robot_mask=robot_mask, settings=settings).segments
-
-
-def segmented(
+def segment_image(
     image: DepthImage,
     *,
     table_height: float | None = 0.0,
@@ -131,13 +108,13 @@ def segmented(
     above = (height > settings.lowest) & (height < settings.highest) & ~arm
     if not above.any():
         return Segmentation((), (), table)
-    part = _Part(image, height, above)
-    labels, dropped = _without_small(part.clusters(settings), settings)
-    labels = part.with_overhangs(labels, settings)
+    foreground = _Foreground(image, height, above)
+    labels, dropped = _without_small(foreground.clusters(settings), settings)
+    labels = foreground.with_overhangs(labels, settings)
     segments = []
     for label in range(int(labels.max()) + 1):
         found = segment_from_pixels(
-            image, part.whole(labels == label), robot_mask=arm, normal_window=settings.normal_window
+            image, foreground.whole(labels == label), robot_mask=arm, normal_window=settings.normal_window
         )
         size = float(np.linalg.norm(np.ptp(found.cloud.points, axis=0))) if len(found.cloud) else 0.0
         if size > settings.largest:
@@ -164,7 +141,7 @@ def _without_small(
     return number[labels], sorted(dropped, key=lambda d: -d.pixels)
 
 
-class _Part:
+class _Foreground:
     """The rectangle of an image that holds everything above the table."""
 
     def __init__(self, image: DepthImage, height: Array, above: np.ndarray) -> None:
@@ -213,8 +190,8 @@ class _Part:
     def with_overhangs(self, labels: np.ndarray, settings: SegmentationSettings) -> np.ndarray:
         """Return the labels with every cluster that hangs in the air joined to the one that is below it.
 
-        It hangs if all of it is high above the table although nothing hides what is below: then the rest of it
-        is hidden by itself, and belongs to what is seen below its own outline and beyond it. The inner side of a
+        It hangs if all of it is high above the table although nothing hides what is below: then it hides the rest
+        of its object, and belongs to what is seen below its own outline and beyond it. The inner side of a
         mug hangs as well, behind the outer one: both end at the rim.
         """
         count = int(labels.max()) + 1
@@ -226,7 +203,7 @@ class _Part:
         owner = np.arange(count)
         for k in hanging:
             if hides[:, k].sum() > 0.3 * hides[k].sum():
-                # What hides its lower part may be the front of the same hollow thing.
+                # What hides its lower part may be the front of the same hollow object.
                 other = int(np.argmax(hides[:, k]))
                 partner = other if self._lines(labels, k, other) else None
             else:
@@ -241,7 +218,7 @@ class _Part:
     def _hides(self, labels: np.ndarray, count: int) -> np.ndarray:
         """Return how often a pixel of cluster i is in front of one of cluster j close by (count, count)."""
         hides = np.zeros((count, count), dtype=int)
-        for down, right in _LOOKED_OVER:
+        for down, right in _OCCLUSION_STEPS:
             a, b = _pairs(labels, down, right)
             edge = (a >= 0) & (b >= 0) & (a != b)
             za, zb = (z[edge] for z in _pairs(self.depth, down, right))
@@ -279,7 +256,7 @@ class _Part:
         return bool(np.percentile(distance, 2) < RIM)
 
     def whole(self, mask: np.ndarray) -> np.ndarray:
-        """Return a mask of this part (h, w) as one of the whole image (H, W)."""
+        """Return a mask of this rectangle (h, w) as one of the whole image (H, W)."""
         pixels = np.zeros(self.image.depth.shape, dtype=bool)
         pixels[self.window] = mask
         return pixels

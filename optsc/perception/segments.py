@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optsc.checks import Above, AtMost, require
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, PointCloud
 from optsc.geometry.rotation import Array
@@ -137,7 +138,7 @@ def joined_segments(image: DepthImage, segments: Sequence[Segment]) -> Segment:
 def split_at_creases(image: DepthImage, segment: Segment, *, crease: float = CREASE) -> tuple[Segment, ...]:
     """Return the parts of a segment between which its surface is creased, the largest first; () if it is not.
 
-    Two convex things that touch meet in a crease, where the surface turns towards the viewer. With n and p normals
+    Two convex objects that touch meet in a crease, where the surface turns towards the viewer. With n and p normals
     and points a crease's width apart, that is (n2 - n1) . (p2 - p1) < - crease |p2 - p1|. What remains connected
     without the creases is a part if it is large enough, and pixels of creases go to the nearest part.
 
@@ -151,8 +152,7 @@ def split_at_creases(image: DepthImage, segment: Segment, *, crease: float = CRE
     """
     from scipy.ndimage import distance_transform_edt, label
 
-    if not 0.0 < crease <= 1.0:
-        raise InvalidValue("crease", crease, "more than 0, at most 1")
+    require("crease", crease, Above(0.0), AtMost(1.0))
     if len(segment.cloud) < 2:
         return ()
     box, corner = _box(segment.pixels)
@@ -186,9 +186,9 @@ def _creased(points: Array, normals: Array, reach: int, crease: float) -> np.nda
         if points.shape[axis] <= 2 * reach:
             continue
         p, n, middle = (np.moveaxis(a, axis, 0) for a in (points, normals, creased))
-        way, turn = p[2 * reach :] - p[: -2 * reach], n[2 * reach :] - n[: -2 * reach]
+        step, turn = p[2 * reach :] - p[: -2 * reach], n[2 * reach :] - n[: -2 * reach]
         with np.errstate(invalid="ignore"):
-            towards = np.einsum("...i,...i->...", turn, way) < -crease * np.linalg.norm(way, axis=-1)
+            towards = np.einsum("...i,...i->...", turn, step) < -crease * np.linalg.norm(step, axis=-1)
         middle[reach:-reach] |= towards
     return creased
 

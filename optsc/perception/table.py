@@ -1,4 +1,4 @@
-"""The plane of the table in a depth image."""
+"""The table plane in a depth image: a least-squares fit near the expected height."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class TablePlane(NamedTuple):
 def find_table(image: DepthImage, expected: float | None = 0.0) -> TablePlane:
     """Return the plane of the table, fitted to the points near the expected height.
 
-    Least squares with what is farther than 2.5 deviations left out, again and again. The expected plane is
+    Least squares with what is farther than 2.5 deviations left out, in four rounds. The expected plane is
     returned where too few points are near it, or where the fit is tilted by more than `LARGEST_TILT`.
 
     Args:

@@ -19,8 +19,8 @@ from optsc.perception import (
     register,
     robot_depth,
     robot_mask,
-    segment,
     segment_from_pixels,
+    segment_image,
     view_is_clear,
 )
 from optsc.perception.scene_registration import without_overlaps
@@ -265,7 +265,7 @@ def test_without_templates_everything_is_unknown(stage):
 
 def test_what_is_seen_in_two_pieces_is_one_thing(stage, templates):
     image = stage.image()
-    segments = segment(image, robot_mask=robot_mask(stage.robot, stage.robot.home, image))
+    segments = segment_image(image, robot_mask=robot_mask(stage.robot, stage.robot.home, image)).segments
     can = max(segments, key=lambda one: one.cloud.points[:, 1].mean())
     left = can.pixels & (np.arange(320) < np.median(np.nonzero(can.pixels)[1]))
     pieces = [segment_from_pixels(image, pixels) for pixels in (left, can.pixels & ~left)]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from perception_cases import CAMERA, X_WC, drawn, segment_of, upright
 
+from benchmarks.pose_errors import surface_distance, surface_tail
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PointCloud, Pose
 from optsc.perception import (
@@ -17,8 +18,6 @@ from optsc.perception import (
     catalogue_template,
     register,
     register_scene,
-    surface_distance,
-    surface_tail,
     template_from_mesh,
 )
 from optsc.perception.pose_hypotheses import PoseHypotheses
@@ -159,14 +158,14 @@ def test_a_point_is_seen_through_only_where_the_camera_measured_something_behind
     beside = np.array([0.15, 0.15, 0.05])
     u, v = np.rint(CAMERA.project(X_WC.inverse().apply(beside))[:2]).astype(int)
     points = np.array([beside, [0.0, 0.0, 0.05], [0.0, 0.0, 0.1], [3.0, 0.0, 0.0]])
-    through, seen = free_space(image).judge(points)
+    through, seen = free_space(image).classify(points)
     assert through.tolist() == [True, False, False, False]
     assert seen.tolist() == [False, False, True, False]
     depth[v, u] = np.nan  # a pixel without a measurement says nothing
-    assert not free_space(dataclasses.replace(image, depth=depth)).judge(points)[0].any()
+    assert not free_space(dataclasses.replace(image, depth=depth)).classify(points)[0].any()
     arm = np.full(depth.shape, np.inf)
     arm[v - 4 : v + 5, u - 4 : u + 5] = 0.2
-    assert not free_space(image, arm).judge(points)[0].any()
+    assert not free_space(image, arm).classify(points)[0].any()
     with pytest.raises(InvalidValue, match="robot_depth"):
         free_space(image, arm[1:])
 

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from perception_cases import drawn, segment_of, upright
 
+from benchmarks.pose_errors import surface_distance, surface_tail
 from optsc.geometry import PointCloud, Pose
 from optsc.perception import (
     RegistrationSettings,
     SearchSettings,
     catalogue_template,
     complete_cloud,
-    surface_distance,
-    surface_tail,
 )
 from optsc.perception.pose_hypotheses import PoseHypotheses
 from optsc.perception.refinement import normal_equations
@@ -69,7 +68,7 @@ def test_the_score_is_the_formula_of_the_page():
     off = upright(0.45, 0.004, 0.012)
     found = fit(at(off), points, box, space, tolerance=0.005, table_height=0.0, count=len(box.points))
     d = box.field.lookup(off.inverse().apply(points))[0]
-    through, seen = (int(mask.sum()) for mask in space.judge(off.apply(box.points)))
+    through, seen = (int(mask.sum()) for mask in space.classify(off.apply(box.points)))
     assert through > 0
     expected = np.maximum(0.0, 1.0 - (d / 0.005) ** 2).mean() - through / (through + seen)
     assert found.score[0] == pytest.approx(expected, abs=1e-9)

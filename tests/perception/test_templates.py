@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
+from benchmarks.pose_errors import surface_distance, surface_tail
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh
 from optsc.perception import (
     add_s,
     catalogue_template,
-    surface_distance,
-    surface_tail,
     template_from_file,
     template_from_mesh,
 )
