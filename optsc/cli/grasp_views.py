@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from optsc.errors import InvalidValue, UnknownName
-from optsc.geometry import DepthImage, Pose
+from optsc.geometry import DepthImage
 from optsc.geometry.rotation import Array
 from optsc.grasps import GraspSet
 from optsc.perception import (
@@ -19,17 +18,15 @@ from optsc.perception import (
     Segmentation,
     Template,
     catalogue_template,
-    register,
-    register_scene,
     robot_depth,
     robot_mask,
     segment_image,
     template_from_file,
-    view_is_clear,
 )
-from optsc.perception.known_objects import ObjectShape, Observation, grasps_of, shape_of
-from optsc.perception.scene_registration import RegisteredSegment, without_overlaps
+from optsc.perception.known_objects import ObjectEstimate, estimate_object, grasps_of, unused_name
+from optsc.perception.scene_registration import Observation, recognise
 from optsc.perception.table import find_table
+from optsc.perception.templates import templates_by_name
 from optsc.robot import Gripper, load_robot
 from optsc.sampling.settings import AntipodalSettings
 from optsc.sim import OBJECT_NAMES
@@ -104,11 +101,14 @@ def objects_in(
     """
     found = segment_image(image, table_height=wanted.table_height, robot_mask=arm)
     _check_anything(image, found, wanted.table_height)
-    look = Observation(image, found.segments, hiding, wanted.table_height)
+    observation = Observation(image, found.segments, hiding, wanted.table_height)
+    templates = templates_by_name(wanted.templates)
     seen: list[Seen] = []
-    for one in _recognised(look, wanted):
-        name = _free_name(one.registration, [other.name for other in seen])
-        seen.append(_seen(name, one, look, wanted))
+    for one in recognise(observation, found.segments, templates, seed=wanted.seed):
+        estimate = estimate_object(one.segment, one.registration, templates, observation)
+        template = None if estimate.template is None else estimate.template.name
+        name = unused_name(template, [other.name for other in seen])
+        seen.append(_seen(name, estimate, observation, wanted))
     return seen, found
 
 
@@ -134,63 +134,36 @@ def _level_plane(image: DepthImage) -> str:
     return f"; the image shows a level plane at {height:.3f} m (--table-height {height:.3f})"
 
 
-def _recognised(look: Observation, wanted: Wanted) -> Sequence[RegisteredSegment]:
-    if not wanted.templates:
-        nothing = Registration.refused("no templates were given")
-        return [RegisteredSegment(segment, nothing, (i,)) for i, segment in enumerate(look.segments)]
-    how = dict[str, Any](robot_depth=look.robot_depth, table_height=look.table_height, seed=wanted.seed)
-    found = register_scene(look.segments, wanted.templates, look.image, **how)
-    by_name = {template.name: template for template in wanted.templates}
-    return without_overlaps(
-        found, by_name, look.image, lambda one: register(one, wanted.templates, look.image, **how)
-    )
-
-
-def _seen(name: str, one: RegisteredSegment, look: Observation, wanted: Wanted) -> Seen:
-    segment, registration = one.segment, one.registration
-    by_name = {template.name: template for template in wanted.templates}
-    template = None if registration.refusal else by_name.get(registration.template or "")
-    if template is not None and registration.X_WO is not None:
-        # What looks the same either way is said to stand upright.
-        X_WO = template.nearest_equivalent(registration.X_WO, Pose.identity())
-        registration = replace(registration, X_WO=X_WO)
-    words, facts = _words(registration, segment), _facts(registration, segment)
-    hidden = view_is_clear(segment.pixels, look.robot_depth, look.image)
-    if not hidden.clear:
-        return Seen(
-            name, f"{words}; no grasps: the arm is in front of it, or too near", facts, None, template
-        )
+def _seen(name: str, estimate: ObjectEstimate, observation: Observation, wanted: Wanted) -> Seen:
+    template, segment = estimate.template, estimate.segment
+    words, facts = _words(estimate.registration, segment), _facts(estimate.registration, segment)
+    if not observation.shows_clearly(segment):
+        words += "; no grasps: the arm is in front of it, or too near"
+        return Seen(name, words, facts, None, template)
     if template is None and not wanted.unknown:
         return Seen(name, f"{words}; no grasps: --unknown has them looked for", facts, None, None)
-    shape = shape_of(segment, registration, by_name, look)
-    facts = {**facts, "made_from": shape.words}
+    facts = {**facts, "made_from": estimate.made_from}
     try:
-        grasps = _grasps(name, shape, segment, look, wanted, {**facts, **_origin(template, shape)})
+        grasps = grasps_of(
+            name,
+            estimate,
+            observation,
+            wanted.gripper,
+            facts={k: fact for k, fact in {**facts, **_origin(estimate)}.items() if fact is not None},
+            seed=wanted.seed,
+            settings=wanted.settings,
+        )
     except InvalidValue as error:
         return Seen(name, f"{words}; no grasps: {error}", facts, None, template)
     return Seen(name, words, facts, grasps, template)
 
 
-def _grasps(
-    name: str, shape: ObjectShape, segment: Segment, look: Observation, wanted: Wanted, facts: dict[str, Any]
-) -> GraspSet:
-    return grasps_of(
-        name,
-        shape,
-        segment,
-        look,
-        wanted.gripper,
-        facts={key: value for key, value in facts.items() if value is not None},
-        seed=wanted.seed,
-        settings=wanted.settings,
-    )
-
-
-def _origin(template: Template | None, shape: ObjectShape) -> dict[str, Any]:
+def _origin(estimate: ObjectEstimate) -> dict[str, Any]:
     """Return what a trial has to know: of which surface the grasps are, and which way is up in O."""
-    if template is None:
+    if estimate.template is None:
         return {}
-    return {"surface_hash": template.mesh.hash, "up": shape.X_WO.rotation_matrix()[2].tolist()}
+    up = estimate.X_WO.rotation_matrix()[2].tolist()
+    return {"surface_hash": estimate.template.mesh.hash, "up": up}
 
 
 def _words(registration: Registration, segment: Segment) -> str:
@@ -225,12 +198,3 @@ def _facts(registration: Registration, segment: Segment) -> dict[str, Any]:
         "explanations": 1 + len(registration.alternatives),
         "X_WO": X_WO,
     }
-
-
-def _free_name(registration: Registration, taken: Sequence[str]) -> str:
-    name, number = "unknown" if registration.refusal else str(registration.template), 2
-    if name not in taken:
-        return name
-    while f"{name}-{number}" in taken:
-        number += 1
-    return f"{name}-{number}"

@@ -2,11 +2,12 @@
 
 from optsc.perception.completion import complete_cloud
 from optsc.perception.depth_files import load_depth_image, save_depth_image
+from optsc.perception.known_objects import Explanation, KnownObject
 from optsc.perception.observer import ObserverSettings, SceneObserver
 from optsc.perception.occlusion import Occlusion, robot_depth, robot_mask, view_is_clear
 from optsc.perception.registration import Alternative, Registration, RegistrationSettings, register
 from optsc.perception.scene_registration import RegisteredSegment, register_scene
-from optsc.perception.scene_state import Explanation, KnownObject, SceneEvent, SceneEventKind, SceneState
+from optsc.perception.scene_state import SceneEvent, SceneEventKind, SceneState
 from optsc.perception.scoring import add_s
 from optsc.perception.search import SearchSettings
 from optsc.perception.segmentation import (

@@ -1,8 +1,14 @@
-"""From one segment to a known object with grasps: what it is, what is not seen of it, how to take hold of it."""
+"""Known objects: from a segment to a pose, a completed shape and grasps.
+
+What is not seen of an object comes from its template. Of an ambiguous view, such as a mug whose handle is hidden, only
+that counts as surface which all explanations share; where only some have something, nothing is grasped and nothing
+bumped into.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +18,7 @@ from optsc.geometry.rotation import Array
 from optsc.grasps import GraspSet
 from optsc.perception.completion import COMMON, complete_cloud
 from optsc.perception.registration import Registration
-from optsc.perception.scene_state import Explanation, KnownObject
+from optsc.perception.scene_registration import Observation
 from optsc.perception.segments import Segment
 from optsc.perception.templates import Template
 from optsc.robot import Gripper
@@ -20,115 +26,193 @@ from optsc.sampling.detection import detect_grasps
 from optsc.sampling.settings import AntipodalSettings
 
 
-class Observation(NamedTuple):
-    """What one image offers.
+class Explanation(NamedTuple):
+    """A template at a pose that the view of an object fits."""
+
+    template: str
+    X_WO: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class KnownObject:
+    """An object as it was when it was last modelled from an image.
 
     Attributes:
-        image: what was measured.
-        segments: all objects in it.
-        robot_depth: of the arm (H, W) [m], infinite where it is not.
-        table_height: of the table in W [m].
+        name: what it is called.
+        template: name of the template that it is taken for; None for an unknown shape.
+        X_WO: its pose.
+        explanations: everything that its view fits, the one that is taken first; empty for an unknown shape.
+        cloud: its points in O, the seen ones marked.
+        doubtful: places in O where there may be something of it or not (M, 3) [m].
+        image: where it was seen.
+        pixels: (H, W) bool, its silhouette there.
+        parts: convex pieces of it in O, for collision checks.
+        stamp: when it was last seen unhidden [s].
     """
 
+    name: str
+    template: str | None
+    X_WO: Pose
+    explanations: tuple[Explanation, ...]
+    cloud: PointCloud
+    doubtful: Array
     image: DepthImage
-    segments: Sequence[Segment]
-    robot_depth: Array
-    table_height: float
+    pixels: np.ndarray
+    parts: tuple[TriangleMesh, ...]
+    stamp: float
+
+    @property
+    def seen(self) -> Array:
+        """What was seen of it (N, 3) in W [m]."""
+        return self.X_WO.apply(self.cloud.points[self.cloud.seen_mask])
+
+    @property
+    def certain(self) -> bool:
+        """Whether its view had a single explanation."""
+        return len(self.explanations) == 1
+
+    def moved_to(self, X_WO: Pose) -> KnownObject:
+        """Return the object at another pose."""
+        X_WW = X_WO @ self.X_WO.inverse()
+        moved = tuple(Explanation(name, X_WW @ X) for name, X in self.explanations)
+        return replace(self, X_WO=X_WO, explanations=moved)
 
 
-class ObjectShape(NamedTuple):
-    """What is taken to be there.
+class ObjectEstimate(NamedTuple):
+    """What a segment is taken for.
 
     Attributes:
+        segment: the pixels and points of it.
+        registration: what it was registered as; of equivalent poses, that which is turned least.
+        template: the shape; None for an unknown one.
         X_WO: its pose.
         cloud: in O, with what a template filled in.
-        doubtful: points in O where there may be something, or not: the hand keeps away from them.
+        doubtful: points in O where there may be something or not (M, 3) [m]: the hand keeps away from them.
         explanations: everything that the view fits, the one that is taken first; empty for an unknown shape.
-        words: what it was made from.
+        made_from: what the cloud was made from, in words.
     """
 
+    segment: Segment
+    registration: Registration
+    template: Template | None
     X_WO: Pose
     cloud: PointCloud
     doubtful: Array
     explanations: tuple[Explanation, ...]
-    words: str
+    made_from: str
+
+    def known_object(self, name: str, image: DepthImage) -> KnownObject:
+        """Return it as an object of that name, seen in ``image``."""
+        return KnownObject(
+            name=name,
+            template=None if self.template is None else self.template.name,
+            X_WO=self.X_WO,
+            explanations=self.explanations,
+            cloud=self.cloud,
+            doubtful=self.doubtful,
+            image=image,
+            pixels=self.segment.pixels,
+            parts=_parts(self.template, self.cloud),
+            stamp=image.stamp,
+        )
 
 
-def known_object(
-    name: str, shape: ObjectShape, template: Template | None, segment: Segment, image: DepthImage
-) -> KnownObject:
-    """Return the object that a segment shows."""
-    return KnownObject(
-        name=name,
-        template=None if template is None else template.name,
-        X_WO=shape.X_WO,
-        explanations=shape.explanations,
-        cloud=shape.cloud,
-        doubtful=shape.doubtful,
-        image=image,
-        pixels=segment.pixels,
-        parts=_parts(template, shape.cloud),
-        stamp=image.stamp,
-    )
+def estimate_object(
+    segment: Segment,
+    registration: Registration,
+    templates: Mapping[str, Template],
+    observation: Observation,
+    X_before: Pose | None = None,
+) -> ObjectEstimate:
+    """Return what a segment is taken for: a placed template, what several have in common, or just the seen points.
 
-
-def shape_of(
-    segment: Segment, registration: Registration, templates: Mapping[str, Template], look: Observation
-) -> ObjectShape:
-    """Return what a segment is taken for: a placed template, what several have in common, or just the points.
-
-    Of an ambiguous view, such as a mug whose handle is hidden, only that counts as surface which all explanations
-    share; where only some have something, nothing is grasped and nothing bumped into.
+    Args:
+        segment: of the observation.
+        registration: of the segment.
+        templates: by name.
+        observation: the image and the arm in it.
+        X_before: of the poses in which the shape looks the same, that is taken which is turned least from this one:
+            from upright by default.
     """
     nowhere = np.zeros((0, 3))
     if registration.template is None or registration.X_WO is None or registration.refusal:
         # An unknown shape has no frame of its own: one like W's, at its middle, on the table.
-        X_WO = Pose.from_translation([*segment.cloud.points[:, :2].mean(axis=0), look.table_height])
+        X_WO = Pose.from_translation([*segment.cloud.points[:, :2].mean(axis=0), observation.table_height])
         cloud = segment.cloud.transformed(X_WO.inverse())
-        return ObjectShape(X_WO, cloud, nowhere, (), "the points that were seen")
-    template, X_WO = templates[registration.template], registration.X_WO
-    cloud = complete_cloud(segment.cloud, template, X_WO, image=look.image, robot_depth=look.robot_depth)
+        return ObjectEstimate(
+            segment, registration, None, X_WO, cloud, nowhere, (), "the points that were seen"
+        )
+    template = templates[registration.template]
+    X_WO = template.nearest_equivalent(registration.X_WO, Pose.identity() if X_before is None else X_before)
+    registration = replace(registration, X_WO=X_WO)
+    cloud = complete_cloud(
+        segment.cloud, template, X_WO, image=observation.image, robot_depth=observation.robot_depth
+    )
     explanations = (
         Explanation(template.name, X_WO),
         *(Explanation(other.template, other.X_WO) for other in registration.alternatives),
     )
-    if not registration.ambiguous:
-        return ObjectShape(X_WO, cloud, nowhere, explanations[:1], f"the template {template.name}")
-    placed = [(templates[name], X) for name, X in explanations]
-    shared = cloud.seen_mask | _common(cloud.points, X_WO, placed)
-    doubtful = np.concatenate([_doubtful(one, X_WO.inverse() @ X, X_WO, placed) for one, X in placed])
-    words = f"what {len(explanations)} explanations of the view share"
-    return ObjectShape(X_WO, cloud.select(shared), doubtful, explanations, words)
+    doubtful, made_from = nowhere, f"the template {template.name}"
+    if registration.ambiguous:
+        placed = [(templates[name], X) for name, X in explanations]
+        shared = cloud.seen_mask | _common(cloud.points, X_WO, placed)
+        doubtful = np.concatenate([_doubtful(one, X_WO.inverse() @ X, X_WO, placed) for one, X in placed])
+        cloud, made_from = cloud.select(shared), f"what {len(explanations)} explanations of the view share"
+    else:
+        explanations = explanations[:1]
+    return ObjectEstimate(segment, registration, template, X_WO, cloud, doubtful, explanations, made_from)
 
 
 def grasps_of(
     name: str,
-    shape: ObjectShape,
-    segment: Segment,
-    look: Observation,
+    estimate: ObjectEstimate,
+    observation: Observation,
     gripper: Gripper,
     *,
     facts: Mapping[str, object],
     seed: int,
     settings: AntipodalSettings | None,
 ) -> GraspSet:
-    """Return grasps of a shape among what else was seen, above the table; raise `InvalidValue` for too few points."""
-    X_OW = shape.X_WO.inverse()
+    """Return grasps of an object among what else was seen, above the table.
+
+    Args:
+        name: of the object.
+        estimate: what it is taken for.
+        observation: what else was seen.
+        gripper: that grasps.
+        facts: kept in the set's provenance, beside what it was made from and when.
+        seed: same arguments and seed, same grasps.
+        settings: by default `AntipodalSettings.for_clouds`.
+
+    Raises:
+        InvalidValue: too few points.
+    """
+    X_OW, image = estimate.X_WO.inverse(), observation.image
     # A segment may have been put together from several, or cut from one.
-    others = [other.cloud.points[~segment.pixels[other.pixels]] for other in look.segments]
-    around = np.concatenate([X_OW.apply(np.concatenate([np.zeros((0, 3)), *others])), shape.doubtful])
+    others = [o.cloud.points[~estimate.segment.pixels[o.pixels]] for o in observation.segments]
+    around = np.concatenate([X_OW.apply(np.concatenate([np.zeros((0, 3)), *others])), estimate.doubtful])
     return detect_grasps(
-        shape.cloud,
+        estimate.cloud,
         gripper,
         name=name,
         seed=seed,
         settings=settings,
-        support=look.table_height - float(shape.X_WO.translation[2]),
+        support=observation.table_height - float(estimate.X_WO.translation[2]),
         up=X_OW.rotation_matrix()[:, 2],
         neighbours=PointCloud(around) if len(around) else None,
-        viewpoint=X_OW.apply(look.image.X_WC.translation),
-        provenance={"made_from": shape.words, "stamp": look.image.stamp, **facts},
+        viewpoint=X_OW.apply(image.X_WC.translation),
+        provenance={"made_from": estimate.made_from, "stamp": image.stamp, **facts},
     )
+
+
+def unused_name(template: str | None, taken: Collection[str]) -> str:
+    """Return a name for an object of that template, ``unknown`` without one, numbered from the second one on."""
+    name, number = template or "unknown", 2
+    if name not in taken:
+        return name
+    while f"{name}-{number}" in taken:
+        number += 1
+    return f"{name}-{number}"
 
 
 def _common(points: Array, X_WO: Pose, explanations: Sequence[tuple[Template, Pose]]) -> np.ndarray:

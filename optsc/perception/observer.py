@@ -1,9 +1,9 @@
-"""The observer: looks at the table again and again, and keeps what is known of it up to date.
+"""Scene observer: keeps what is known of a table up to date, image after image.
 
-Three rules keep the stored grasps worth having. An object that the arm hides is left as it was, to the last bit. What
-is clearly seen where it was is left as it was, too. Only what is seen somewhere else, differently, or not at all
-although nothing hides its place, changes anything. What was between the jaws when its place was last seen full, and
-is empty now, is in the hand.
+Three rules protect the stored grasps. An object that the arm hides is left as it was, to the last bit. What is clearly
+seen where it was is left as it was, too. Only what is seen somewhere else, differently, or not at all although nothing
+hides its place, changes anything. What was between the jaws when its place was last seen full, and is empty now, is in
+the hand.
 """
 
 from __future__ import annotations
@@ -11,30 +11,30 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
-from math import acos, degrees
-from typing import Any
+from math import acos, degrees, pi
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.checks import Above, AtMost, Below, Checked
 from optsc.errors import InvalidValue
-from optsc.geometry import DepthImage, Pose, rotation
-from optsc.perception.known_objects import ObjectShape, Observation, grasps_of, known_object, shape_of
-from optsc.perception.occlusion import robot_depth, robot_mask, view_is_clear
-from optsc.perception.registration import Registration, RegistrationSettings, register
-from optsc.perception.scene_registration import RegisteredSegment, register_scene, without_overlaps
-from optsc.perception.scene_state import KnownObject, SceneEvent, SceneEventKind, SceneState
+from optsc.geometry import DepthImage, rotation
+from optsc.perception.known_objects import (
+    KnownObject,
+    ObjectEstimate,
+    estimate_object,
+    grasps_of,
+    unused_name,
+)
+from optsc.perception.occlusion import robot_depth, robot_mask
+from optsc.perception.registration import RegistrationSettings
+from optsc.perception.scene_registration import Observation, RegisteredSegment, recognise
+from optsc.perception.scene_state import SceneEvent, SceneEventKind, SceneState
 from optsc.perception.segmentation import SegmentationSettings, segment_image
 from optsc.perception.segments import Segment
-from optsc.perception.templates import Template
-from optsc.perception.tracking import (
-    ExpectedVisibility,
-    TrackingResult,
-    hand,
-    presence,
-    share_shown,
-    with_grips,
-)
+from optsc.perception.templates import Template, templates_by_name
+from optsc.perception.tracking import TrackingResult, explained_share, track
 from optsc.robot import RobotModel
 from optsc.sampling.settings import AntipodalSettings
 
@@ -43,14 +43,14 @@ SAME_PLACE = (0.001, 0.001)
 
 
 @dataclass(frozen=True)
-class ObserverSettings:
-    """How a scene is watched.
+class ObserverSettings(Checked):
+    """How a scene is observed.
 
     Attributes:
         segmentation, registration, grasps: of the steps; grasps by default as `AntipodalSettings.for_clouds`.
         table_height: of the table top in W [m].
         unknown: whether shapes that fit no template are grasped as they are seen.
-        tilt: an object whose up has turned by more than this has toppled, and is grasped anew [rad].
+        tilt: an object whose up has turned by more than this has toppled, and gets new grasps [rad].
         explained: a segment of which more than this share shows known objects is one of them [-].
     """
 
@@ -59,24 +59,18 @@ class ObserverSettings:
     grasps: AntipodalSettings | None = None
     table_height: float = 0.0
     unknown: bool = True
-    tilt: float = 0.2
-    explained: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.tilt < np.pi:
-            raise InvalidValue("tilt", self.tilt, "above 0, below pi rad")
-        if not 0.0 < self.explained <= 1.0:
-            raise InvalidValue("explained", self.explained, "above 0, up to 1")
+    tilt: Annotated[float, Above(0.0), Below(pi)] = 0.2
+    explained: Annotated[float, Above(0.0), AtMost(1.0)] = 0.5
 
 
 class SceneObserver:
-    """Turns images into memory: objects, poses, and libraries of grasps.
+    """Turns images into a scene state: objects, poses, and libraries of grasps.
 
     Args:
         robot: the arm, with a gripper; it is left out of the images and hides what is behind it.
         templates: shapes that are known beforehand; may be empty.
-        settings: how a scene is watched.
-        seed: same images and seed, same memory.
+        settings: how a scene is observed.
+        seed: same images and seed, same state.
 
     Raises:
         InvalidValue: the robot has no gripper, or two templates have one name.
@@ -92,157 +86,130 @@ class SceneObserver:
     ) -> None:
         if robot.gripper is None:
             raise InvalidValue("robot.gripper", None, "a gripper")
-        self.templates: Mapping[str, Template] = {template.name: template for template in templates}
-        if len(self.templates) < len(templates):
-            raise InvalidValue("templates", [template.name for template in templates], "each name once")
+        self.templates: Mapping[str, Template] = templates_by_name(templates)
         self.robot, self.gripper = robot, robot.gripper
         self.settings, self.seed = settings or ObserverSettings(), seed
 
     def observe(
-        self, memory: SceneState, image: DepthImage, q: ArrayLike
+        self, state: SceneState, image: DepthImage, q: ArrayLike
     ) -> tuple[SceneState, tuple[SceneEvent, ...]]:
-        """Return what is known after one more look, and what has changed.
+        """Return what is known after one more image, and what has changed.
 
-        Where nothing has changed, the memory's library is the very same object.
+        Where nothing has changed, the state's library is the very same object.
 
         Args:
-            memory: what was known before, ``SceneState()`` at first.
+            state: what was known before, ``SceneState()`` at first.
             image: what is measured, by the camera and from the place of the images before.
-            q: measured posture of the arm at that time (n,) [rad].
+            q: measured configuration of the arm at that time (n,) [rad].
 
         Raises:
-            InvalidValue: a posture that is none, or an image of another camera or from another place.
+            InvalidValue: no valid configuration, or an image of another camera or from another place.
         """
-        _check_same_view(memory, image)
+        _check_same_view(state, image)
+        settings = self.settings
         hiding = robot_depth(self.robot, q, image.camera, image.X_WC)
-        look = Observation(image, self._segments(image, q), hiding, self.settings.table_height)
-        return self._with_new(self._compared(memory, look, self.robot.forward(q)), look)
-
-    def _compared(self, memory: SceneState, look: Observation, X_WT: Pose) -> TrackingResult:
-        """Return what is left of the memory where it is compared with an image, and what the hand has taken."""
-        standing = [known for name, known in memory.objects.items() if name not in memory.held]
-        found = {known.name: presence(known, look.image, look.robot_depth) for known in standing}
-        memory = with_grips(_refreshed(memory, found, look.image.stamp), found, X_WT, self.gripper)
-        gone = frozenset(name for name, state in found.items() if state is ExpectedVisibility.GONE)
-        return hand(memory, gone, X_WT, look.image)
+        found = segment_image(
+            image,
+            table_height=settings.table_height,
+            robot_mask=robot_mask(self.robot, q, image),
+            settings=settings.segmentation,
+        )
+        observation = Observation(image, found.segments, hiding, settings.table_height)
+        return self._with_new(track(state, observation, self.robot.forward(q), self.gripper), observation)
 
     def _with_new(
-        self, known: TrackingResult, look: Observation
+        self, tracked: TrackingResult, observation: Observation
     ) -> tuple[SceneState, tuple[SceneEvent, ...]]:
-        """Return the memory with what an image shows beyond it, and without what is lost for good."""
-        memory, events = known.memory, list(known.events)
-        left, unsure, found = set(known.lost), set(known.unsure), set[str]()
-        for recognised in self._recognised(self._unexplained(memory, known.lost, look), look):
-            if self._explained(recognised.segment, memory, found, look):
-                continue  # a piece that something parts from the rest: two things cannot be in one place
+        """Return the state with what an image shows beyond it, and without what is lost for good."""
+        state, events = tracked.state, list(tracked.events)
+        lost, unsure, found = set(tracked.lost), set(tracked.unsure), set[str]()
+        for registered in recognise(
+            observation,
+            self._unexplained(state, tracked.lost, observation),
+            self.templates,
+            self.settings.registration,
+            self.seed,
+        ):
+            if self._explained(registered.segment, state, found, observation):
+                continue  # a piece that something parts from the rest: two objects cannot be in one place
             # What is seen to have left its place comes first; what the hand had may have been put down.
-            memory, event = self._take_in(memory, (left, unsure), recognised, look)
-            left.discard(event.name)
+            state, event = self._with_object(state, (lost, unsure), registered, observation)
+            lost.discard(event.name)
             unsure.discard(event.name)
             found.add(event.name)
             events.append(event)
-        for name in sorted(left):
-            memory = memory.without(name)
+        for name in sorted(lost):
+            state = state.without(name)
             events.append(SceneEvent(SceneEventKind.RETIRED, name, "its place is seen to be empty"))
-        return memory, tuple(events)
+        return state, tuple(events)
 
-    def _segments(self, image: DepthImage, q: ArrayLike) -> tuple[Segment, ...]:
-        return segment_image(
-            image,
-            table_height=self.settings.table_height,
-            robot_mask=robot_mask(self.robot, q, image),
-            settings=self.settings.segmentation,
-        ).segments
-
-    def _unexplained(self, memory: SceneState, lost: AbstractSet[str], look: Observation) -> list[Segment]:
+    def _unexplained(
+        self, state: SceneState, lost: AbstractSet[str], observation: Observation
+    ) -> list[Segment]:
         """Return the segments that nothing hides and that show nothing that is known to be there."""
-        names = memory.objects.keys() - lost
+        names = state.objects.keys() - lost
         return [
             segment
-            for segment in look.segments
-            if view_is_clear(segment.pixels, look.robot_depth, look.image).clear
-            and not self._explained(segment, memory, names, look)
+            for segment in observation.segments
+            if observation.shows_clearly(segment) and not self._explained(segment, state, names, observation)
         ]
 
     def _explained(
-        self, segment: Segment, memory: SceneState, names: AbstractSet[str], look: Observation
+        self, segment: Segment, state: SceneState, names: AbstractSet[str], observation: Observation
     ) -> bool:
         """Tell whether a segment shows one of these objects."""
         shares = (
-            share_shown(
+            explained_share(
                 segment,
-                look.image,
-                memory.objects[name],
-                self.templates.get(memory.objects[name].template or ""),
-                moved=name in memory.held,
+                observation.image,
+                state.objects[name],
+                self.templates.get(state.objects[name].template or ""),
+                moved=name in state.held,
             )
             for name in names
         )
         return any(share > self.settings.explained for share in shares)
 
-    def _recognised(self, segments: Sequence[Segment], look: Observation) -> tuple[RegisteredSegment, ...]:
-        if not self.templates:
-            unknown = Registration.refused("no templates are known")
-            return tuple(RegisteredSegment(segment, unknown, (i,)) for i, segment in enumerate(segments))
-        how = dict[str, Any](
-            robot_depth=look.robot_depth,
-            table_height=look.table_height,
-            settings=self.settings.registration,
-            seed=self.seed,
-        )
-        templates = tuple(self.templates.values())
-        found = register_scene(segments, templates, look.image, **how)
-        return without_overlaps(
-            found, self.templates, look.image, lambda one: register(one, templates, look.image, **how)
-        )
-
-    def _take_in(
+    def _with_object(
         self,
-        memory: SceneState,
+        state: SceneState,
         missing: Sequence[AbstractSet[str]],
-        recognised: RegisteredSegment,
-        look: Observation,
+        registered: RegisteredSegment,
+        observation: Observation,
     ) -> tuple[SceneState, SceneEvent]:
-        """Return the memory with what unexplained segments show."""
-        segment, registration, _ = recognised
-        template = None if registration.refusal else self.templates.get(registration.template or "")
-        before = _same_kind(memory, missing, template)
-        if template is not None and registration.X_WO is not None:
-            like = (
-                Pose.identity() if before is None else before.X_WO
-            )  # what looks the same either way stands upright
-            registration = replace(registration, X_WO=template.nearest_equivalent(registration.X_WO, like))
-        shape = shape_of(segment, registration, self.templates, look)
-        name = before.name if before is not None else _new_name(memory, template)
-        known = known_object(name, shape, template, segment, look.image)
+        """Return the state with what an unexplained segment shows."""
+        segment, registration, _ = registered
+        before = None if registration.refusal else _same_kind(state, missing, registration.template)
+        X_before = None if before is None else before.X_WO
+        estimate = estimate_object(segment, registration, self.templates, observation, X_before)
+        template = None if estimate.template is None else estimate.template.name
+        name = unused_name(template, state.objects) if before is None else before.name
+        known = estimate.known_object(name, observation.image)
         if template is None and not self.settings.unknown:
-            return memory.with_object(known), SceneEvent(SceneEventKind.REFUSED, name, registration.refusal)
-        event = _event(before, known, shape.words, self.settings.tilt)
-        sure = before is not None and before.certain and known.certain
-        if event.kind is SceneEventKind.MOVED and sure and name in memory.library:
-            return memory.with_object(known), event
-        return self._stored(memory, known, shape, segment, registration, look, event)
+            return state.with_object(known), SceneEvent(SceneEventKind.REFUSED, name, registration.refusal)
+        event = _event(before, known, estimate.made_from, self.settings.tilt)
+        certain = before is not None and before.certain and known.certain
+        if event.kind is SceneEventKind.MOVED and certain and name in state.library:
+            return state.with_object(known), event
+        return self._with_grasps(state, known, estimate, observation, event)
 
-    def _stored(
+    def _with_grasps(
         self,
-        memory: SceneState,
+        state: SceneState,
         known: KnownObject,
-        shape: ObjectShape,
-        segment: Segment,
-        registration: Registration,
-        look: Observation,
+        estimate: ObjectEstimate,
+        observation: Observation,
         event: SceneEvent,
     ) -> tuple[SceneState, SceneEvent]:
-        """Return the memory with an object and grasps made for it now, or with the object alone."""
+        """Return the state with an object and grasps made for it now, or with the object alone."""
         facts: dict[str, object] = {"template": known.template, "explanations": len(known.explanations)}
         if known.template is not None:
-            facts["visible_fraction"] = registration.visible_fraction
+            facts["visible_fraction"] = estimate.registration.visible_fraction
         try:
             grasps = grasps_of(
                 known.name,
-                shape,
-                segment,
-                look,
+                estimate,
+                observation,
                 self.gripper,
                 facts=facts,
                 seed=self.seed,
@@ -251,66 +218,39 @@ class SceneObserver:
         except InvalidValue as error:
             # It is there all the same, and can be bumped into.
             refused = SceneEvent(SceneEventKind.REFUSED, known.name, str(error))
-            return memory.without(known.name).with_object(known), refused
-        memory = replace(memory, library=memory.library.with_set(grasps)).with_object(known)
-        return memory, event._replace(words=f"{event.words}; {len(grasps)} grasps")
+            return state.without(known.name).with_object(known), refused
+        state = replace(state, library=state.library.with_set(grasps)).with_object(known)
+        return state, event._replace(words=f"{event.words}; {len(grasps)} grasps")
 
 
-def _check_same_view(memory: SceneState, image: DepthImage) -> None:
-    for known in memory.objects.values():
+def _check_same_view(state: SceneState, image: DepthImage) -> None:
+    for known in state.objects.values():
         if known.image.camera != image.camera:
-            raise InvalidValue(
-                "image.camera", image.camera, f"that of the looks before, {known.image.camera}"
-            )
+            valid = f"that of the images before, {known.image.camera}"
+            raise InvalidValue("image.camera", image.camera, valid)
         distance = float(np.linalg.norm(known.image.X_WC.translation - image.X_WC.translation))
         turn = float(rotation.angle(known.image.X_WC.quaternion, image.X_WC.quaternion))
         if distance > SAME_PLACE[0] or turn > SAME_PLACE[1]:
             moved = f"{1e3 * distance:.1f} mm and {turn:.4f} rad away"
-            raise InvalidValue("image.X_WC", moved, "the camera's place in the looks before")
-
-
-def _refreshed(memory: SceneState, found: Mapping[str, ExpectedVisibility], stamp: float) -> SceneState:
-    """Return the memory in which the objects that are still there have been seen now.
-
-    Only the time changes: pose, points and grasps stay those of the look that they were made from.
-    """
-    objects = {
-        name: replace(known, stamp=stamp) if found.get(name) is ExpectedVisibility.THERE else known
-        for name, known in memory.objects.items()
-    }
-    return replace(memory, objects=objects)
+            raise InvalidValue("image.X_WC", moved, "the camera's place in the images before")
 
 
 def _same_kind(
-    memory: SceneState, missing: Sequence[AbstractSet[str]], template: Template | None
+    state: SceneState, missing: Sequence[AbstractSet[str]], template: str | None
 ) -> KnownObject | None:
     """Return a missing object of this kind, from the first group that has one, the first by name; else None."""
-    if template is None:
-        return None
-    names = [name for group in missing for name in sorted(group)]
-    return next(
-        (memory.objects[name] for name in names if memory.objects[name].template == template.name), None
-    )
+    every = [state.objects[name] for group in missing for name in sorted(group)]
+    return next((known for known in every if template is not None and known.template == template), None)
 
 
-def _new_name(memory: SceneState, template: Template | None) -> str:
-    name, number = "unknown" if template is None else template.name, 2
-    if name not in memory.objects:
-        return name
-    while f"{name}-{number}" in memory.objects:
-        number += 1
-    return f"{name}-{number}"
-
-
-def _event(before: KnownObject | None, known: KnownObject, words: str, tilt: float) -> SceneEvent:
+def _event(before: KnownObject | None, known: KnownObject, made_from: str, tilt: float) -> SceneEvent:
     """Return what has happened to an object that was known before, or was not."""
     if before is None:
-        return SceneEvent(SceneEventKind.STORED, known.name, words)
+        return SceneEvent(SceneEventKind.STORED, known.name, made_from)
     z, z_now = (X.rotation_matrix()[:, 2] for X in (before.X_WO, known.X_WO))
     turned = acos(min(1.0, max(-1.0, float(z @ z_now))))
     if turned > tilt:
-        return SceneEvent(
-            SceneEventKind.TOPPLED, known.name, f"its up turned by {degrees(turned):.0f} degrees"
-        )
+        words = f"its up turned by {degrees(turned):.0f} degrees"
+        return SceneEvent(SceneEventKind.TOPPLED, known.name, words)
     distance = float(np.linalg.norm(known.X_WO.translation - before.X_WO.translation))
     return SceneEvent(SceneEventKind.MOVED, known.name, f"moved by {1e3 * distance:.0f} mm")

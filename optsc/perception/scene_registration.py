@@ -5,21 +5,44 @@ Two objects cannot be in one place: one that seems to be there twice was seen in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from optsc.geometry import DepthImage, Pose
 from optsc.geometry.rotation import Array
+from optsc.perception.occlusion import view_is_clear
 from optsc.perception.registration import Registration, RegistrationSettings, register
 from optsc.perception.segments import Segment, joined_segments, segment_from_pixels, split_at_creases
-from optsc.perception.templates import Template
+from optsc.perception.templates import Template, templates_by_name
 
 BELONGS = 0.9
 """A segment belongs to an object if this share of its points lies on it."""
 WORTH_CUTTING = 0.15
 """A refused segment is cut along the template's edge if both sides are at least this share of it."""
+CLOSEST = 0.5
+"""The middles of two objects are at least this share of the sum of their smallest half extents apart [-]."""
+
+
+class Observation(NamedTuple):
+    """One depth image, with the arm left out and the objects apart.
+
+    Attributes:
+        image: what was measured.
+        segments: all objects in it.
+        robot_depth: of the arm (H, W) [m], infinite where it is not.
+        table_height: of the table in W [m].
+    """
+
+    image: DepthImage
+    segments: Sequence[Segment]
+    robot_depth: Array
+    table_height: float
+
+    def shows_clearly(self, segment: Segment) -> bool:
+        """Tell whether the arm is neither in front of a segment nor close beside it."""
+        return view_is_clear(segment.pixels, self.robot_depth, self.image).clear
 
 
 class RegisteredSegment(NamedTuple):
@@ -44,10 +67,10 @@ def register_scene(
 ) -> tuple[RegisteredSegment, ...]:
     """Return what the segments are, one entry per object, in the order of each object's largest piece.
 
-    Segments are registered from the largest to the smallest. One that is refused may be two things that touch: it is
+    Segments are registered from the largest to the smallest. One that is refused may be two objects that touch: it is
     cut at its creases, or along the edge of the template that explains part of it, if a part is then not refused.
-    Segments that lie on a pose may be pieces of one thing that something in front parts: they are joined if the joint
-    points fit about as well as the one piece alone.
+    Segments that lie on a pose may be pieces of one object that something in front parts: they are joined if the
+    joint points fit about as well as the one piece alone.
 
     Args:
         segments: of ``image``.
@@ -57,36 +80,77 @@ def register_scene(
     Raises:
         InvalidValue: as `register`.
     """
-    scene = _Scene(templates, image, robot_depth, table_height, settings or RegistrationSettings(), seed)
-    pieces = scene.cut(segments)
-    pieces.sort(key=lambda one: (-len(one.segment.cloud), one.pieces))
-    order = [one.pieces[0] for one in pieces]
-    found: list[RegisteredSegment] = []
-    for one in pieces:
-        if any(one.pieces[0] in other.pieces for other in found):
-            continue
-        taken = {i for other in found for i in other.pieces}
-        others = [other for other in pieces if other is not one and other.pieces[0] not in taken] + found
-        whole = scene.joined(one, others)
-        found = [other for other in found if not set(other.pieces) & set(whole.pieces)] + [whole]
-    return tuple(sorted(found, key=lambda other: min(map(order.index, other.pieces))))
+    by_name, settings = templates_by_name(templates), settings or RegistrationSettings()
+    scene = SceneRegistrar(by_name, image, robot_depth, table_height, settings, seed)
+    return scene.register_all(segments)
 
 
-class _Scene(NamedTuple):
+def recognise(
+    observation: Observation,
+    segments: Sequence[Segment],
+    templates: Mapping[str, Template],
+    settings: RegistrationSettings | None = None,
+    seed: int = 0,
+) -> tuple[RegisteredSegment, ...]:
+    """Return what some segments of an observation are: `register_scene`, and no two objects in one place.
+
+    Without templates every segment is refused.
+    """
+    if not templates:
+        unknown = Registration.refused("no templates were given")
+        return tuple(RegisteredSegment(segment, unknown, (i,)) for i, segment in enumerate(segments))
+    image, robot_depth, height = observation.image, observation.robot_depth, observation.table_height
+    scene = SceneRegistrar(templates, image, robot_depth, height, settings or RegistrationSettings(), seed)
+    return scene.without_overlaps(scene.register_all(segments))
+
+
+class SceneRegistrar(NamedTuple):
     """What all segments of one image are registered with."""
 
-    templates: Sequence[Template]
+    templates: Mapping[str, Template]
     image: DepthImage
     robot_depth: Array | None
     table_height: float
     settings: RegistrationSettings
     seed: int
 
-    def registered(self, segment: Segment) -> Registration:
+    def register_all(self, segments: Sequence[Segment]) -> tuple[RegisteredSegment, ...]:
+        """Return what the segments are, see `register_scene`."""
+        pieces = self._cut(segments)
+        pieces.sort(key=lambda one: (-len(one.segment.cloud), one.pieces))
+        order = [one.pieces[0] for one in pieces]
+        found: list[RegisteredSegment] = []
+        for one in pieces:
+            taken = {i for other in found for i in other.pieces}
+            if one.pieces[0] in taken:
+                continue
+            others = [other for other in pieces if other is not one and other.pieces[0] not in taken] + found
+            whole = self._joined(one, others)
+            found = [other for other in found if not set(other.pieces) & set(whole.pieces)] + [whole]
+        return tuple(sorted(found, key=lambda other: min(map(order.index, other.pieces))))
+
+    def without_overlaps(self, registered: Sequence[RegisteredSegment]) -> tuple[RegisteredSegment, ...]:
+        """Return what was registered, the larger first, with what was placed inside another object joined to it.
+
+        The joint points say what it is; where they fit nothing, the larger piece does.
+        """
+        kept: list[RegisteredSegment] = []
+        for one in registered:
+            at = next((i for i, other in enumerate(kept) if self._overlap(one, other)), None)
+            if at is None:
+                kept.append(one)
+                continue
+            joint = joined_segments(self.image, [kept[at].segment, one.segment])
+            result = self.register(joint)
+            best = kept[at].registration if result.refusal else result
+            kept[at] = RegisteredSegment(joint, best, (*kept[at].pieces, *one.pieces))
+        return tuple(kept)
+
+    def register(self, segment: Segment) -> Registration:
         """Return what a segment is."""
         return register(
             segment,
-            self.templates,
+            tuple(self.templates.values()),
             self.image,
             robot_depth=self.robot_depth,
             table_height=self.table_height,
@@ -94,16 +158,12 @@ class _Scene(NamedTuple):
             seed=self.seed,
         )
 
-    def template(self, name: str) -> Template:
-        """Return the template of that name."""
-        return next(template for template in self.templates if template.name == name)
-
-    def cut(self, segments: Sequence[Segment]) -> list[RegisteredSegment]:
+    def _cut(self, segments: Sequence[Segment]) -> list[RegisteredSegment]:
         """Return every segment, or the parts of a refused one of which more can be explained."""
         found: list[RegisteredSegment] = []
         number = len(segments)
         for index, segment in enumerate(segments):
-            one = RegisteredSegment(segment, self.registered(segment), (index,))
+            one = RegisteredSegment(segment, self.register(segment), (index,))
             parts: list[tuple[Segment, Registration]] = []
             if one.registration.refusal:
                 parts = self._best_parts(one)
@@ -119,7 +179,7 @@ class _Scene(NamedTuple):
         best: list[tuple[Segment, Registration]] = []
         most = 0
         for parts in (split_at_creases(self.image, one.segment), self._along_template(one)):
-            results = [(part, self.registered(part)) for part in parts]
+            results = [(part, self.register(part)) for part in parts]
             explained = sum(len(part.cloud) for part, result in results if not result.refusal)
             if explained > most:
                 best, most = results, explained
@@ -141,14 +201,14 @@ class _Scene(NamedTuple):
             parts.append(segment_from_pixels(self.image, pixels))
         return tuple(parts)
 
-    def joined(self, one: RegisteredSegment, others: Sequence[RegisteredSegment]) -> RegisteredSegment:
+    def _joined(self, one: RegisteredSegment, others: Sequence[RegisteredSegment]) -> RegisteredSegment:
         """Return ``one`` together with those of ``others`` that lie on its pose, if they fit together."""
         on_it = [other for other in others if self._lies_on(other.segment.cloud.points, one.registration)]
         if not on_it:
             return one
         every = (one, *on_it)
         joint = joined_segments(self.image, [other.segment for other in every])
-        result = self.registered(joint)
+        result = self.register(joint)
         if result.refusal or result.score <= one.registration.score - self.settings.margin:
             return one
         return RegisteredSegment(joint, result, tuple(i for other in every for i in other.pieces))
@@ -164,53 +224,18 @@ class _Scene(NamedTuple):
 
     def _distances(self, points: Array, name: str, X_WO: Pose) -> Array:
         """Return how far points (M, 3) in W are from a template's surface [m]."""
-        return np.asarray(np.abs(self.template(name).field.lookup(X_WO.inverse().apply(points))[0]))
+        return np.asarray(np.abs(self.templates[name].field.lookup(X_WO.inverse().apply(points))[0]))
 
+    def _overlap(self, one: RegisteredSegment, other: RegisteredSegment) -> bool:
+        if one.registration.refusal or other.registration.refusal:
+            return False
+        (middle, half), (other_middle, other_half) = (self._ball(r.registration) for r in (one, other))
+        return float(np.linalg.norm(middle - other_middle)) < CLOSEST * (half + other_half)
 
-CLOSEST = 0.5
-"""The middles of two things are at least this share of the sum of their smallest half extents apart [-]."""
-
-
-def without_overlaps(
-    recognised: Sequence[RegisteredSegment],
-    templates: Mapping[str, Template],
-    image: DepthImage,
-    register_one: Callable[[Segment], Registration],
-) -> tuple[RegisteredSegment, ...]:
-    """Return what was recognised, with what was placed inside something else joined to it.
-
-    The joint points say what it is; where they fit nothing, the larger piece does.
-
-    Args:
-        recognised: the larger pieces first.
-        templates: by name.
-        image: of the segments.
-        register_one: returns what a segment is.
-    """
-    kept: list[RegisteredSegment] = []
-    for one in recognised:
-        at = next((i for i, other in enumerate(kept) if _overlap(one, other, templates)), None)
-        if at is None:
-            kept.append(one)
-            continue
-        joint = joined_segments(image, [kept[at].segment, one.segment])
-        result = register_one(joint)
-        best = kept[at].registration if result.refusal else result
-        kept[at] = RegisteredSegment(joint, best, (*kept[at].pieces, *one.pieces))
-    return tuple(kept)
-
-
-def _overlap(one: RegisteredSegment, other: RegisteredSegment, templates: Mapping[str, Template]) -> bool:
-    if one.registration.refusal or other.registration.refusal:
-        return False
-    (middle, half), (other_middle, other_half) = (_ball(r.registration, templates) for r in (one, other))
-    return float(np.linalg.norm(middle - other_middle)) < CLOSEST * (half + other_half)
-
-
-def _ball(registration: Registration, templates: Mapping[str, Template]) -> tuple[Array, float]:
-    """Return the middle of a placed template's box (3,) in W and half of the box's smallest extent [m]."""
-    if registration.template is None or registration.X_WO is None:
-        return np.full(3, np.inf), 0.0
-    points = templates[registration.template].points
-    low, high = points.min(axis=0), points.max(axis=0)
-    return registration.X_WO.apply(0.5 * (low + high)), 0.5 * float((high - low).min())
+    def _ball(self, registration: Registration) -> tuple[Array, float]:
+        """Return the middle of a placed template's box (3,) in W and half of the box's smallest extent [m]."""
+        if registration.template is None or registration.X_WO is None:
+            return np.full(3, np.inf), 0.0
+        points = self.templates[registration.template].points
+        low, high = points.min(axis=0), points.max(axis=0)
+        return registration.X_WO.apply(0.5 * (low + high)), 0.5 * float((high - low).min())

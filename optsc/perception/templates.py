@@ -209,6 +209,14 @@ def catalogue_templates(names: Sequence[str] | None = None) -> tuple[Template, .
     return tuple(catalogue_template(name) for name in (OBJECT_NAMES if names is None else names))
 
 
+def templates_by_name(templates: Sequence[Template]) -> dict[str, Template]:
+    """Return templates by their names; raise `InvalidValue` where two have the same."""
+    by_name = {template.name: template for template in templates}
+    if len(by_name) < len(templates):
+        raise InvalidValue("templates", [template.name for template in templates], "each name once")
+    return by_name
+
+
 def _check_size(name: str, mesh: TriangleMesh) -> None:
     longest = float(mesh.extents.max())
     if longest > LARGEST:

@@ -1,6 +1,6 @@
 """Tracking of known objects: still in place, hidden, gone, or carried by the hand.
 
-Whether an object is still in its place is decided from single pixels: what is measured where its points were? An
+Whether an object is where it is expected is decided from single pixels: what is measured where its points were? An
 object that was between the jaws and whose place is empty now is in the hand, and moves as the hand does.
 """
 
@@ -15,8 +15,10 @@ import numpy as np
 
 from optsc.geometry import DepthImage, Pose
 from optsc.geometry.rotation import Array
+from optsc.perception.known_objects import KnownObject
 from optsc.perception.occlusion import view_is_clear
-from optsc.perception.scene_state import Grip, KnownObject, SceneEvent, SceneEventKind, SceneState
+from optsc.perception.scene_registration import Observation
+from optsc.perception.scene_state import Grip, SceneEvent, SceneEventKind, SceneState
 from optsc.perception.segments import Segment
 from optsc.perception.templates import Template
 from optsc.robot import Gripper
@@ -24,30 +26,73 @@ from optsc.robot import Gripper
 TOLERANCE = 0.006
 """A pixel still shows the object where the depth differs by less [m]: the camera's noise, and motion that matters."""
 SEEN_THROUGH = 0.15
-"""An object is gone where the camera sees through more than this share of its points [-]."""
+"""The place of an object is empty where the camera sees through more than this share of its points [-]."""
 IN_FRONT = 0.15
 """It is hidden where something stands in front of more than this share of them [-]."""
 FEWEST = 0.3
 """Where fewer than this share of its points can be judged, the view says nothing [-]."""
 CARRIED = 0.02
-"""How far what is in the hand may be from where the hand's motion has taken it [m]: jaws shift what they close on."""
+"""How far an object in the hand may be from where the hand's motion takes it [m]: jaws shift what they close on."""
 MOSTLY = 0.5
 """It is not in the hand where the camera sees through more than this share of its points [-]."""
 ON_IT = 0.010
 """A point belongs to a known object that is this close [m]."""
 POINTS = 600
 """Points that are looked up at most."""
+LEAST = 0.002
+"""Of an object between the jaws, at least this share of its points is [-]: a pad's print on a box of 15 cm."""
 
 
 class ExpectedVisibility(Enum):
-    """What a view says about an object that is known."""
+    """What a view says about an object that is expected at a pose."""
 
-    THERE = "still there"
-    HIDDEN = "hidden"
-    GONE = "seen through"
+    VISIBLE = "seen where it is expected"
+    HIDDEN = "hidden, or too little can be judged"
+    SEEN_THROUGH = "seen through: it is not there"
 
 
-def presence(known: KnownObject, image: DepthImage, robot_depth: Array) -> ExpectedVisibility:
+class TrackingResult(NamedTuple):
+    """What is left of a scene state where it is compared with an image.
+
+    Attributes:
+        state: with what the hand has taken.
+        lost: names of objects that are neither in their place nor in the hand.
+        unsure: names of objects that the hand took, where it cannot be seen whether it still has them.
+        events: what the hand has taken just now.
+    """
+
+    state: SceneState
+    lost: frozenset[str]
+    unsure: frozenset[str]
+    events: tuple[SceneEvent, ...]
+
+
+def track(state: SceneState, observation: Observation, X_WT: Pose, gripper: Gripper) -> TrackingResult:
+    """Return what is left of ``state`` in an observation, and what the hand has taken.
+
+    Args:
+        state: known before.
+        observation: what is seen now.
+        X_WT: pose of the tool now.
+        gripper: at the tool.
+    """
+    image = observation.image
+    found = {
+        name: visibility_in_place(known, image, observation.robot_depth)
+        for name, known in state.objects.items()
+        if name not in state.held
+    }
+    # Of an object that is still there only the time changes: pose, points and grasps stay those of its observation.
+    objects = {
+        name: replace(known, stamp=image.stamp) if found.get(name) is ExpectedVisibility.VISIBLE else known
+        for name, known in state.objects.items()
+    }
+    state = _with_grips(replace(state, objects=objects), found, X_WT, gripper)
+    empty = frozenset(name for name, seen in found.items() if seen is ExpectedVisibility.SEEN_THROUGH)
+    return _with_carried(state, empty, X_WT, image)
+
+
+def visibility_in_place(known: KnownObject, image: DepthImage, robot_depth: Array) -> ExpectedVisibility:
     """Return whether ``known`` is where it was seen last, as far as ``image`` tells.
 
     Hidden comes first: an object that the arm is in front of, or close beside in the image, is not judged at all.
@@ -62,33 +107,31 @@ def presence(known: KnownObject, image: DepthImage, robot_depth: Array) -> Expec
     """
     if not view_is_clear(known.pixels, robot_depth, known.image).clear:
         return ExpectedVisibility.HIDDEN
-    expected, measured = _depths(_few(known.seen), image)
-    judged = np.isfinite(measured)
-    if judged.mean() < FEWEST:
+    farther = _farther(known.seen, image)
+    if farther is None:
         return ExpectedVisibility.HIDDEN
-    farther = measured[judged] - expected[judged]
     if np.mean(farther > TOLERANCE) > SEEN_THROUGH:
-        return ExpectedVisibility.GONE
-    return ExpectedVisibility.HIDDEN if np.mean(farther < -TOLERANCE) > IN_FRONT else ExpectedVisibility.THERE
+        return ExpectedVisibility.SEEN_THROUGH
+    in_front = np.mean(farther < -TOLERANCE) > IN_FRONT
+    return ExpectedVisibility.HIDDEN if in_front else ExpectedVisibility.VISIBLE
 
 
-def presence_at(known: KnownObject, X_WO: Pose, image: DepthImage) -> ExpectedVisibility:
+def visibility_at(known: KnownObject, X_WO: Pose, image: DepthImage) -> ExpectedVisibility:
     """Return whether ``known`` may be at another pose, such as where the hand would have carried it.
 
-    There: nothing speaks against it. Gone: the camera sees through most of it. Hidden: too little can be judged.
+    Visible: nothing speaks against it. Seen through: most of it is. Hidden: too little can be judged.
     """
-    expected, measured = _depths(_few(X_WO.apply(known.cloud.points)), image)
-    judged = np.isfinite(measured)
-    if judged.mean() < FEWEST:
+    farther = _farther(X_WO.apply(known.cloud.points), image)
+    if farther is None:
         return ExpectedVisibility.HIDDEN
-    farther = measured[judged] - expected[judged]
-    return ExpectedVisibility.GONE if np.mean(farther > CARRIED) > MOSTLY else ExpectedVisibility.THERE
+    through = np.mean(farther > CARRIED) > MOSTLY
+    return ExpectedVisibility.SEEN_THROUGH if through else ExpectedVisibility.VISIBLE
 
 
-def share_shown(
+def explained_share(
     segment: Segment, image: DepthImage, known: KnownObject, template: Template | None, *, moved: bool
 ) -> float:
-    """Return the share of a segment's points that show an object.
+    """Return the share of a segment's points that a known object explains.
 
     Those at pixels and depths where it was seen before, if it has not ``moved``, or those on its surface: more of
     it may have come into view.
@@ -113,25 +156,6 @@ def share_shown(
     return max(same, *map(float, explained))
 
 
-def _few(points: Array) -> Array:
-    return points[:: max(1, len(points) // POINTS)]
-
-
-def _depths(points: Array, image: DepthImage) -> tuple[Array, Array]:
-    """Return the depths of points (N, 3) in W, and what is measured there (N,), NaN outside and where nothing is."""
-    u, v, z = image.camera.project(image.X_WC.inverse().apply(points))
-    height, width = image.depth.shape
-    measured = np.full(len(points), np.nan)
-    inside = (z > 0.0) & (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
-    rows, columns = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
-    measured[inside] = image.depth[rows, columns]
-    return z, measured
-
-
-LEAST = 0.002
-"""Of an object between the jaws, at least this share of its points is [-]: a pad's print on a box of 15 cm."""
-
-
 def share_between_jaws(points_T: np.ndarray, gripper: Gripper) -> float:
     """Return the share of points (N, 3) in T that lie between the open jaws, from the palm to the finger tips."""
     half = 0.5 * np.array([gripper.pad_size[0], gripper.max_opening])
@@ -141,65 +165,58 @@ def share_between_jaws(points_T: np.ndarray, gripper: Gripper) -> float:
     return float(np.mean(inside)) if len(points_T) else 0.0
 
 
-def with_grips(
-    memory: SceneState, found: Mapping[str, ExpectedVisibility], X_WT: Pose, gripper: Gripper
+def _with_grips(
+    state: SceneState, found: Mapping[str, ExpectedVisibility], X_WT: Pose, gripper: Gripper
 ) -> SceneState:
-    """Return the memory in which what is between the jaws is noted, at the hand's deepest reach for it.
+    """Return the state in which what is between the jaws is noted, at the hand's deepest reach for it.
 
     Later the hand may have carried it away unseen. What is seen where it was is in no hand.
     """
-    grips = {
-        name: grip for name, grip in memory.grips.items() if found.get(name) is not ExpectedVisibility.THERE
-    }
-    for name, state in found.items():
-        if state is not ExpectedVisibility.HIDDEN:
+    grips = {n: grip for n, grip in state.grips.items() if found.get(n) is not ExpectedVisibility.VISIBLE}
+    for name, seen in found.items():
+        if seen is not ExpectedVisibility.HIDDEN:
             continue
-        X_TO = X_WT.inverse() @ memory.objects[name].X_WO
-        share = share_between_jaws(X_TO.apply(memory.objects[name].cloud.points), gripper)
+        X_TO = X_WT.inverse() @ state.objects[name].X_WO
+        share = share_between_jaws(X_TO.apply(state.objects[name].cloud.points), gripper)
         if share >= LEAST and (name not in grips or share >= grips[name].share):
             grips[name] = Grip(X_TO, share)
-    return replace(memory, grips=grips)
+    return replace(state, grips=grips)
 
 
-class TrackingResult(NamedTuple):
-    """What the hand has to do with what is known.
-
-    Attributes:
-        memory: with what it has taken.
-        lost: names of objects that are neither in their place nor in the hand.
-        unsure: names of objects that the hand took, where it cannot be seen whether it still has them.
-        events: what it has taken just now.
-    """
-
-    memory: SceneState
-    lost: frozenset[str]
-    unsure: frozenset[str]
-    events: tuple[SceneEvent, ...]
-
-
-def hand(memory: SceneState, gone: frozenset[str], X_WT: Pose, image: DepthImage) -> TrackingResult:
-    """Return what the hand has taken, and what is lost then.
-
-    Args:
-        memory: with grips.
-        gone: names of objects whose place is seen to be empty.
-        X_WT: pose of the tool.
-        image: what is measured.
-    """
+def _with_carried(state: SceneState, empty: frozenset[str], X_WT: Pose, image: DepthImage) -> TrackingResult:
+    """Return what the hand carries, of the objects whose place is seen to be ``empty``, and what is lost."""
     events: list[SceneEvent] = []
-    lost, unsure = set(gone), set()
-    for name in sorted(memory.held | (gone & memory.grips.keys())):
-        X_WO = X_WT @ memory.grips[name].X_TO
-        there = presence_at(memory.objects[name], X_WO, image)
-        if there is ExpectedVisibility.GONE:
+    lost, unsure = set(empty), set()
+    for name in sorted(state.held | (empty & state.grips.keys())):
+        X_WO = X_WT @ state.grips[name].X_TO
+        seen = visibility_at(state.objects[name], X_WO, image)
+        if seen is ExpectedVisibility.SEEN_THROUGH:
             lost.add(name)
             continue
-        if there is ExpectedVisibility.HIDDEN:
+        if seen is ExpectedVisibility.HIDDEN:
             unsure.add(name)
-        if name not in memory.held:
-            events.append(
-                SceneEvent(SceneEventKind.TAKEN, name, "its place is empty, and it was between the jaws")
-            )
-        memory = memory.with_held(name, X_WO)
+        if name not in state.held:
+            words = "its place is empty, and it was between the jaws"
+            events.append(SceneEvent(SceneEventKind.TAKEN, name, words))
+        state = state.with_held(name, X_WO)
         lost.discard(name)
-    return TrackingResult(memory, frozenset(lost), frozenset(unsure), tuple(events))
+    return TrackingResult(state, frozenset(lost), frozenset(unsure), tuple(events))
+
+
+def _few(points: Array) -> Array:
+    return points[:: max(1, len(points) // POINTS)]
+
+
+def _farther(points: Array, image: DepthImage) -> Array | None:
+    """Return by how much what is measured is farther away than points (N, 3) in W [m], where something is measured.
+
+    None where too few of the points can be judged: most are outside the image, or nothing was measured there.
+    """
+    u, v, z = image.camera.project(image.X_WC.inverse().apply(_few(points)))
+    height, width = image.depth.shape
+    measured = np.full(len(z), np.nan)
+    inside = (z > 0.0) & (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
+    rows, columns = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
+    measured[inside] = image.depth[rows, columns]
+    judged = np.isfinite(measured)
+    return None if judged.mean() < FEWEST else measured[judged] - z[judged]

@@ -1,4 +1,4 @@
-"""A watched scene: when its library changes, and that it does not otherwise."""
+"""An observed scene: when its library changes, and that it does not otherwise."""
 
 from dataclasses import replace
 
@@ -11,6 +11,7 @@ from optsc.ik.batch import solve_ik
 from optsc.perception import (
     ObserverSettings,
     RegisteredSegment,
+    RegistrationSettings,
     SceneEventKind,
     SceneObserver,
     SceneState,
@@ -23,7 +24,7 @@ from optsc.perception import (
     segment_image,
     view_is_clear,
 )
-from optsc.perception.scene_registration import without_overlaps
+from optsc.perception.scene_registration import SceneRegistrar
 from optsc.robot import load_robot
 from optsc.sampling.contacts import approach_boxes, in_tool_frame, touched
 from optsc.sampling.settings import AntipodalSettings
@@ -41,8 +42,8 @@ def at(x, y, yaw=0.0):
     return Pose.from_rotation_vector([0.0, 0.0, yaw], [x, y, 0.0])
 
 
-class Stage:
-    """A table before a camera, and an observer that looks at it; counts its images."""
+class ObservedTable:
+    """A table before a camera, and an observer of it; counts its images."""
 
     def __init__(self, robot, places, templates, settings=FEW):
         X_WO = {name: at(*place) for name, place in places.items()}
@@ -58,21 +59,21 @@ class Stage:
         q = self.robot.home if q is None else q
         return self.camera.look(q, X_WO={**self.X_WO, **moved}, rng=rng, stamp=0.5 * self.count).image
 
-    def look(self, memory, q=None, **moved):
+    def observe(self, state, q=None, **moved):
         image = self.image(q, **moved)
-        return self.observer.observe(memory, image, self.robot.home if q is None else q)
+        return self.observer.observe(state, image, self.robot.home if q is None else q)
 
-    def posture(self, p, R=DOWN):
-        """Return a posture with the tool at a place, pointing straight down."""
+    def configuration(self, p, R=DOWN):
+        """Return a configuration with the tool at a place, pointing straight down."""
         found = solve_ik(self.robot, Pose(R.quaternion, np.asarray(p, float)), seeds=self.robot.home)
         assert found.success
         return found.q
 
     def in_front_of(self, name):
-        """Return a posture with the hand between the camera and an object."""
+        """Return a configuration with the hand between the camera and an object."""
         middle = self.X_WO[name].translation + [0.0, 0.0, 0.05]
-        way = self.camera.X_WC.translation - middle
-        return self.posture(middle + 0.16 * way / np.linalg.norm(way))
+        towards = self.camera.X_WC.translation - middle
+        return self.configuration(middle + 0.16 * towards / np.linalg.norm(towards))
 
 
 @pytest.fixture(scope="module")
@@ -86,145 +87,143 @@ def templates():
 
 
 @pytest.fixture(scope="module")
-def stage(robot, templates):
-    stage = Stage(robot, PLACES, [templates["can"], templates["box"]])
-    yield stage
-    stage.camera.close()
+def table(robot, templates):
+    table = ObservedTable(robot, PLACES, [templates["can"], templates["box"]])
+    yield table
+    table.camera.close()
 
 
 @pytest.fixture(scope="module")
-def first(stage):
-    memory, events = stage.look(SceneState())
+def first(table):
+    state, events = table.observe(SceneState())
     assert {event.kind for event in events} == {SceneEventKind.STORED}
-    return memory
+    return state
 
 
-def error(stage, templates, memory, name, X_WO=None):
-    return add_s(
-        templates[name].points, stage.X_WO[name] if X_WO is None else X_WO, memory.objects[name].X_WO
-    )
+def error(table, templates, state, name, X_WO=None):
+    return add_s(templates[name].points, table.X_WO[name] if X_WO is None else X_WO, state.objects[name].X_WO)
 
 
-def test_a_first_look_finds_every_object_and_stores_its_grasps(stage, first, templates):
+def test_a_first_look_finds_every_object_and_stores_its_grasps(table, first, templates):
     assert set(first.objects) == set(first.library) == set(PLACES)
     for name, grasps in first.library.items():
-        assert error(stage, templates, first, name) < 0.005
+        assert error(table, templates, first, name) < 0.005
         assert len(grasps) == 20
         assert 0.7 < grasps.visible_fraction <= 1.0
         assert grasps.age(first.objects[name].stamp + 3.0) == pytest.approx(3.0)
         assert grasps.provenance["template"] == name
 
 
-def test_a_still_scene_changes_nothing(stage, first):
-    memory, events = stage.look(first)
+def test_a_still_scene_changes_nothing(table, first):
+    state, events = table.observe(first)
     assert events == ()
-    assert memory.library is first.library
-    for name, known in memory.objects.items():
+    assert state.library is first.library
+    for name, known in state.objects.items():
         assert known.stamp > first.objects[name].stamp
         assert replace(known, stamp=0.0).__dict__ == replace(first.objects[name], stamp=0.0).__dict__
 
 
-def test_a_view_with_the_arm_in_front_leaves_every_library_bit_identical(stage, first, tmp_path):
+def test_a_view_with_the_arm_in_front_leaves_every_library_bit_identical(table, first, tmp_path):
     first.library.save(tmp_path / "before")
     for name in PLACES:
-        q = stage.in_front_of(name)
-        # Behind the arm the object may even be gone: nobody has seen it.
-        image = stage.image(q, **{name: UNDERGROUND})
+        q = table.in_front_of(name)
+        # Behind the arm the object may even be gone: nobody has seen that.
+        image = table.image(q, **{name: UNDERGROUND})
         known = first.objects[name]
-        hiding = robot_depth(stage.robot, q, image.camera, image.X_WC)
+        hiding = robot_depth(table.robot, q, image.camera, image.X_WC)
         assert not view_is_clear(known.pixels, hiding, known.image).clear
-        memory, events = stage.observer.observe(first, image, q)
+        state, events = table.observer.observe(first, image, q)
         assert events == ()
-        assert memory.library is first.library
-        assert memory.objects[name] is known
-        memory.library.save(tmp_path / name)
+        assert state.library is first.library
+        assert state.objects[name] is known
+        state.library.save(tmp_path / name)
         for path in (tmp_path / "before").iterdir():
             assert (tmp_path / name / path.name).read_bytes() == path.read_bytes()
 
 
-def test_a_moved_object_gets_its_grasps_moved(stage, first, templates):
+def test_a_moved_object_gets_its_grasps_moved(table, first, templates):
     there = at(0.40, 0.02, 0.3)
-    memory, events = stage.look(first, can=there)
+    state, events = table.observe(first, can=there)
     assert [(event.kind, event.name) for event in events] == [(SceneEventKind.MOVED, "can")]
-    assert memory.library is first.library
-    assert error(stage, templates, memory, "can", there) < 0.005
-    before, after = first.place(), memory.place()
+    assert state.library is first.library
+    assert error(table, templates, state, "can", there) < 0.005
+    before, after = first.place(), state.place()
     can = np.array(before.object_names)[before.object_index] == "can"
-    turn = rotation.angle(memory.objects["can"].X_WO.quaternion, first.objects["can"].X_WO.quaternion)
+    turn = rotation.angle(state.objects["can"].X_WO.quaternion, first.objects["can"].X_WO.quaternion)
     assert turn < 0.02  # a can that moves is not said to turn, nor to stand on its head
-    X_WW = memory.objects["can"].X_WO @ first.objects["can"].X_WO.inverse()
+    X_WW = state.objects["can"].X_WO @ first.objects["can"].X_WO.inverse()
     np.testing.assert_allclose(after.X_WG[can].translation, (X_WW @ before.X_WG[can]).translation, atol=1e-9)
     np.testing.assert_array_equal(after.X_WG[~can].translation, before.X_WG[~can].translation)
 
 
-def test_a_toppled_object_s_grasps_are_made_anew(stage, first, templates):
+def test_a_toppled_object_gets_new_grasps(table, first, templates):
     model = object_model("box")
     tipped = Pose.from_rotation_vector([0.5 * np.pi, 0.0, 0.0], [0.52, -0.16, 0.0])
     tipped = Pose.from_translation([0.0, 0.0, -tipped.apply(model.mesh.vertices)[:, 2].min()]) @ tipped
-    memory, events = stage.look(first, box=tipped)
+    state, events = table.observe(first, box=tipped)
     assert [(event.kind, event.name) for event in events] == [(SceneEventKind.TOPPLED, "box")]
-    assert error(stage, templates, memory, "box", tipped) < 0.005
-    assert memory.library["box"] is not first.library["box"]
-    assert memory.library["can"] is first.library["can"]
-    assert np.all((memory.X_WO["box"] @ memory.library["box"].X_OG).translation[:, 2] > 0.0)
+    assert error(table, templates, state, "box", tipped) < 0.005
+    assert state.library["box"] is not first.library["box"]
+    assert state.library["can"] is first.library["can"]
+    assert np.all((state.X_WO["box"] @ state.library["box"].X_OG).translation[:, 2] > 0.0)
 
 
-def test_an_object_that_is_taken_away_is_retired(stage, first):
-    memory, events = stage.look(first, can=UNDERGROUND)
+def test_an_object_that_is_taken_away_is_retired(table, first):
+    state, events = table.observe(first, can=UNDERGROUND)
     assert [(event.kind, event.name) for event in events] == [(SceneEventKind.RETIRED, "can")]
-    assert set(memory.objects) == set(memory.library) == {"box"}
-    assert set(memory.obstacles) == {"box"}
-    again, events = stage.look(memory)
+    assert set(state.objects) == set(state.library) == {"box"}
+    assert set(state.obstacles) == {"box"}
+    again, events = table.observe(state)
     assert [(event.kind, event.name) for event in events] == [(SceneEventKind.STORED, "can")]
     assert again.library["can"] is not first.library["can"]
 
 
-def test_an_object_in_the_hand_is_neither_a_new_thing_nor_retired_nor_grasped_again(stage, first, templates):
-    X_TO = (Pose.from_translation([0.48, 0.16, 0.09]) @ DOWN).inverse() @ stage.X_WO["can"]
-    reached, _ = stage.look(first, stage.posture([0.48, 0.16, 0.09]))
+def test_an_object_in_the_hand_is_neither_a_new_object_nor_retired_nor_grasped_again(table, first, templates):
+    X_TO = (Pose.from_translation([0.48, 0.16, 0.09]) @ DOWN).inverse() @ table.X_WO["can"]
+    reached, _ = table.observe(first, table.configuration([0.48, 0.16, 0.09]))
     assert "can" in reached.grips
-    memory, told = reached, []
+    state, reported = reached, []
     for p in ([0.48, 0.10, 0.2], [0.45, 0.0, 0.3], [0.45, 0.0, 0.3]):
         X_WO = Pose(DOWN.quaternion, np.array(p)) @ X_TO
-        memory, events = stage.look(memory, stage.posture(p), can=X_WO)
-        told += [(event.kind, event.name) for event in events]
-        assert set(memory.objects) == set(PLACES)
-        assert memory.library is first.library
-    assert told == [(SceneEventKind.TAKEN, "can")]
-    assert memory.held == {"can"}
-    assert set(memory.place().object_names) == {"box"}
-    assert set(memory.obstacles) == {"box"}
-    assert error(stage, templates, memory, "can", X_WO) < 0.01
+        state, events = table.observe(state, table.configuration(p), can=X_WO)
+        reported += [(event.kind, event.name) for event in events]
+        assert set(state.objects) == set(PLACES)
+        assert state.library is first.library
+    assert reported == [(SceneEventKind.TAKEN, "can")]
+    assert state.held == {"can"}
+    assert set(state.place().object_names) == {"box"}
+    assert set(state.obstacles) == {"box"}
+    assert error(table, templates, state, "can", X_WO) < 0.01
     there = at(0.42, 0.05)
-    memory, events = stage.look(memory, can=there)
+    state, events = table.observe(state, can=there)
     assert [(event.kind, event.name) for event in events] == [(SceneEventKind.MOVED, "can")]
-    assert memory.held == frozenset()
-    assert memory.library is first.library
-    assert error(stage, templates, memory, "can", there) < 0.005
+    assert state.held == frozenset()
+    assert state.library is first.library
+    assert error(table, templates, state, "can", there) < 0.005
 
 
-def test_a_hand_that_leaves_without_the_object_has_not_taken_it(stage, first):
-    reached, _ = stage.look(first, stage.posture([0.48, 0.16, 0.09]))
-    memory, events = stage.look(reached, stage.posture([0.45, 0.0, 0.3]))
-    assert (events, memory.held, dict(memory.grips)) == ((), frozenset(), {})
-    memory, events = stage.look(reached, stage.posture([0.45, 0.0, 0.3]), can=UNDERGROUND)
+def test_a_hand_that_leaves_without_the_object_has_not_taken_it(table, first):
+    reached, _ = table.observe(first, table.configuration([0.48, 0.16, 0.09]))
+    state, events = table.observe(reached, table.configuration([0.45, 0.0, 0.3]))
+    assert (events, state.held, dict(state.grips)) == ((), frozenset(), {})
+    state, events = table.observe(reached, table.configuration([0.45, 0.0, 0.3]), can=UNDERGROUND)
     assert [(event.kind, event.name) for event in events] == [(SceneEventKind.RETIRED, "can")]
 
 
 @pytest.fixture(scope="module")
 def mug(robot, templates):
     """A mug whose handle points away from the camera."""
-    stage = Stage(robot, {"mug": (0.47, 0.05, 0.0)}, [templates["mug"]])
-    away = stage.X_WO["mug"].translation - stage.camera.X_WC.translation
+    table = ObservedTable(robot, {"mug": (0.47, 0.05, 0.0)}, [templates["mug"]])
+    away = table.X_WO["mug"].translation - table.camera.X_WC.translation
     handle = object_model("mug").mesh.vertices.mean(axis=0)
-    stage.X_WO["mug"] = at(0.47, 0.05, np.arctan2(away[1], away[0]) - np.arctan2(handle[1], handle[0]))
-    yield stage
-    stage.camera.close()
+    table.X_WO["mug"] = at(0.47, 0.05, np.arctan2(away[1], away[0]) - np.arctan2(handle[1], handle[0]))
+    yield table
+    table.camera.close()
 
 
-def test_a_hidden_handle_is_not_guessed_the_hand_keeps_away_from_every_place_where_it_may_be(mug, templates):
-    memory, _ = mug.look(SceneState())
-    known, grasps = memory.objects["mug"], memory.library["mug"]
+def test_the_hand_keeps_away_from_every_place_where_a_hidden_handle_may_be(mug, templates):
+    state, _ = mug.observe(SceneState())
+    known, grasps = state.objects["mug"], state.library["mug"]
     assert not known.certain
     assert grasps.provenance["explanations"] == len(known.explanations) > 1
     assert len(grasps) > 0
@@ -236,93 +235,91 @@ def test_a_hidden_handle_is_not_guessed_the_hand_keeps_away_from_every_place_whe
     assert not touched(in_tool_frame(grasps.X_OG, known.doubtful), boxes, (0.0,) * 3).any()
 
 
-def test_an_unknown_shape_is_grasped_as_it_is_seen(stage, templates):
-    blind = SceneObserver(stage.robot, [templates["box"]], FEW)
-    memory, _ = blind.observe(SceneState(), stage.image(), stage.robot.home)
-    assert set(memory.objects) == {"box", "unknown"}
-    known, grasps = memory.objects["unknown"], memory.library["unknown"]
+def test_an_unknown_shape_is_grasped_as_it_is_seen(table, templates):
+    blind = SceneObserver(table.robot, [templates["box"]], FEW)
+    state, _ = blind.observe(SceneState(), table.image(), table.robot.home)
+    assert set(state.objects) == {"box", "unknown"}
+    known, grasps = state.objects["unknown"], state.library["unknown"]
     assert known.template is None
     assert known.cloud.seen_mask.all()
     assert len(grasps) > 0
-    assert grasps.visible_fraction == 1.0  # of what there are points of, for nobody knows of more
-    distance = np.linalg.norm(known.X_WO.translation[:2] - stage.X_WO["can"].translation[:2])
+    assert grasps.visible_fraction == 1.0  # of what there are points of, for no more are known of
+    distance = np.linalg.norm(known.X_WO.translation[:2] - table.X_WO["can"].translation[:2])
     assert distance < 0.03
-    wary = SceneObserver(stage.robot, [templates["box"]], replace(FEW, unknown=False))
-    memory, events = wary.observe(SceneState(), stage.image(), stage.robot.home)
+    wary = SceneObserver(table.robot, [templates["box"]], replace(FEW, unknown=False))
+    state, events = wary.observe(SceneState(), table.image(), table.robot.home)
     assert [event.name for event in events if event.kind is SceneEventKind.REFUSED] == ["unknown"]
-    assert set(memory.library) == {"box"}
-    assert set(memory.obstacles) == {"box", "unknown"}
+    assert set(state.library) == {"box"}
+    assert set(state.obstacles) == {"box", "unknown"}
 
 
-def test_without_templates_everything_is_unknown(stage):
-    observer = SceneObserver(stage.robot, (), replace(FEW, unknown=False))
-    memory, _ = observer.observe(SceneState(), stage.image(), stage.robot.home)
-    assert set(memory.objects) == {"unknown", "unknown-2"}
-    again, events = observer.observe(memory, stage.image(), stage.robot.home)
+def test_without_templates_everything_is_unknown(table):
+    observer = SceneObserver(table.robot, (), replace(FEW, unknown=False))
+    state, _ = observer.observe(SceneState(), table.image(), table.robot.home)
+    assert set(state.objects) == {"unknown", "unknown-2"}
+    again, events = observer.observe(state, table.image(), table.robot.home)
     assert events == ()
-    assert again.library is memory.library
+    assert again.library is state.library
 
 
-def test_what_is_seen_in_two_pieces_is_one_thing(stage, templates):
-    image = stage.image()
-    segments = segment_image(image, robot_mask=robot_mask(stage.robot, stage.robot.home, image)).segments
+def test_what_is_seen_in_two_pieces_is_one_object(table, templates):
+    image = table.image()
+    segments = segment_image(image, robot_mask=robot_mask(table.robot, table.robot.home, image)).segments
     can = max(segments, key=lambda one: one.cloud.points[:, 1].mean())
     left = can.pixels & (np.arange(320) < np.median(np.nonzero(can.pixels)[1]))
     pieces = [segment_from_pixels(image, pixels) for pixels in (left, can.pixels & ~left)]
 
-    def register_one(one):
-        return register(one, [templates["can"]], image)
-
-    found = [RegisteredSegment(one, register_one(one), (i,)) for i, one in enumerate(pieces)]
-    (whole,) = without_overlaps(found, templates, image, register_one)
+    scene = SceneRegistrar({"can": templates["can"]}, image, None, 0.0, RegistrationSettings(), 0)
+    found = [RegisteredSegment(one, scene.register(one), (i,)) for i, one in enumerate(pieces)]
+    (whole,) = scene.without_overlaps(found)
     assert whole.pieces == (0, 1)
     assert len(whole.segment.cloud) == len(can.cloud)
     np.testing.assert_array_equal(whole.segment.pixels, can.pixels)
     assert not whole.registration.refusal
     box = register(max(segments, key=lambda one: -one.cloud.points[:, 1].mean()), [templates["box"]], image)
     apart = [found[0], RegisteredSegment(pieces[1], box, (1,))]
-    assert without_overlaps(apart, templates, image, register_one) == tuple(apart)
+    assert scene._replace(templates=templates).without_overlaps(apart) == tuple(apart)
 
 
-def test_same_images_and_seed_give_the_same_memory(stage, first):
+def test_same_images_and_seed_give_the_same_state(table, first):
     image = DepthImage(
-        first.objects["can"].image.depth, SMALL, stage.camera.X_WC, first.objects["can"].image.stamp
+        first.objects["can"].image.depth, SMALL, table.camera.X_WC, first.objects["can"].image.stamp
     )
-    memory, _ = stage.observer.observe(SceneState(), image, stage.robot.home)
-    for name, grasps in memory.library.items():
+    state, _ = table.observer.observe(SceneState(), image, table.robot.home)
+    for name, grasps in state.library.items():
         assert grasps.X_OG.matrix().tobytes() == first.library[name].X_OG.matrix().tobytes()
 
 
-def test_an_empty_table_and_an_image_without_depths_are_no_scene(stage):
-    for depth in (np.full((240, 320), np.nan), stage.image(can=UNDERGROUND, box=UNDERGROUND).depth):
-        image = DepthImage(depth, SMALL, stage.camera.X_WC)
-        memory, events = stage.observer.observe(SceneState(), image, stage.robot.home)
-        assert (dict(memory.objects), events) == ({}, ())
-        assert len(memory.place()) == 0
+def test_an_empty_table_and_an_image_without_depths_are_no_scene(table):
+    for depth in (np.full((240, 320), np.nan), table.image(can=UNDERGROUND, box=UNDERGROUND).depth):
+        image = DepthImage(depth, SMALL, table.camera.X_WC)
+        state, events = table.observer.observe(SceneState(), image, table.robot.home)
+        assert (dict(state.objects), events) == ({}, ())
+        assert len(state.place()) == 0
 
 
-def test_an_image_without_depths_says_nothing_about_a_known_scene(stage, first):
-    image = DepthImage(np.full((240, 320), np.nan), SMALL, stage.camera.X_WC)
-    memory, events = stage.observer.observe(first, image, stage.robot.home)
+def test_an_image_without_depths_says_nothing_about_a_known_scene(table, first):
+    image = DepthImage(np.full((240, 320), np.nan), SMALL, table.camera.X_WC)
+    state, events = table.observer.observe(first, image, table.robot.home)
     assert events == ()
-    assert memory.library is first.library
+    assert state.library is first.library
 
 
-def test_what_cannot_be_looked_at_is_refused(stage, first, templates):
-    image = stage.image()
+def test_what_cannot_be_observed_is_refused(table, first, templates):
+    image = table.image()
     large = PinholeCamera.from_field_of_view(160, 120, 0.75)
     with pytest.raises(InvalidValue, match="camera"):
-        stage.observer.observe(first, DepthImage(np.ones((120, 160)), large, image.X_WC), stage.robot.home)
+        table.observer.observe(first, DepthImage(np.ones((120, 160)), large, image.X_WC), table.robot.home)
     elsewhere = Pose.from_translation([0.0, 0.01, 0.0]) @ image.X_WC
     with pytest.raises(InvalidValue, match="place"):
-        stage.observer.observe(first, DepthImage(image.depth, SMALL, elsewhere), stage.robot.home)
-    for q in (stage.robot.home * np.nan, stage.robot.home[:3]):
+        table.observer.observe(first, DepthImage(image.depth, SMALL, elsewhere), table.robot.home)
+    for q in (table.robot.home * np.nan, table.robot.home[:3]):
         with pytest.raises(InvalidValue):
-            stage.observer.observe(first, image, q)
+            table.observer.observe(first, image, q)
     with pytest.raises(InvalidValue, match="templates"):
-        SceneObserver(stage.robot, [templates["can"], templates["can"]])
+        SceneObserver(table.robot, [templates["can"], templates["can"]])
     with pytest.raises(InvalidValue, match="gripper"):
-        SceneObserver(replace(stage.robot, gripper=None))
+        SceneObserver(replace(table.robot, gripper=None))
 
 
 @pytest.mark.parametrize("wrong", [{"tilt": 0.0}, {"tilt": 4.0}, {"explained": 0.0}, {"explained": 1.1}])

@@ -9,7 +9,7 @@ from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, PointCloud, Pose
 from optsc.perception import ExpectedVisibility, Explanation, KnownObject, Segment, catalogue_template
 from optsc.perception.segments import segment_from_pixels
-from optsc.perception.tracking import presence, presence_at, share_shown
+from optsc.perception.tracking import explained_share, visibility_at, visibility_in_place
 
 CAMERA = PinholeCamera.from_field_of_view(80, 60, 0.8)
 NOWHERE = np.full((60, 80), np.inf)
@@ -30,62 +30,64 @@ def known(seen=None):
 
 
 def test_what_is_measured_where_it_was_is_there():
-    assert presence(known(), image(1.0), NOWHERE) is ExpectedVisibility.THERE
-    assert presence(known(), image(1.0 + 0.004), NOWHERE) is ExpectedVisibility.THERE
+    assert visibility_in_place(known(), image(1.0), NOWHERE) is ExpectedVisibility.VISIBLE
+    assert visibility_in_place(known(), image(1.0 + 0.004), NOWHERE) is ExpectedVisibility.VISIBLE
 
 
 def test_what_is_seen_through_is_gone():
-    assert presence(known(), image(1.5), NOWHERE) is ExpectedVisibility.GONE
-    assert presence(known(), image(1.01), NOWHERE) is ExpectedVisibility.GONE
+    assert visibility_in_place(known(), image(1.5), NOWHERE) is ExpectedVisibility.SEEN_THROUGH
+    assert visibility_in_place(known(), image(1.01), NOWHERE) is ExpectedVisibility.SEEN_THROUGH
 
 
 def test_what_has_shifted_by_more_than_a_sixth_of_its_width_is_gone():
-    for columns, expected in ((2, ExpectedVisibility.THERE), (4, ExpectedVisibility.GONE)):
+    for columns, expected in ((2, ExpectedVisibility.VISIBLE), (4, ExpectedVisibility.SEEN_THROUGH)):
         shifted = image(1.0, pixels=np.roll(PIXELS, columns, axis=1))
-        assert presence(known(), shifted, NOWHERE) is expected
+        assert visibility_in_place(known(), shifted, NOWHERE) is expected
 
 
 def test_something_in_front_hides_it():
-    assert presence(known(), image(0.7), NOWHERE) is ExpectedVisibility.HIDDEN
+    assert visibility_in_place(known(), image(0.7), NOWHERE) is ExpectedVisibility.HIDDEN
 
 
 def test_the_arm_hides_it_whatever_is_measured():
     beside = NOWHERE.copy()
     beside[:, 50] = 0.8
-    assert presence(known(), image(1.5), beside) is ExpectedVisibility.HIDDEN
+    assert visibility_in_place(known(), image(1.5), beside) is ExpectedVisibility.HIDDEN
     behind = np.full((60, 80), 2.0)
-    assert presence(known(), image(1.5), behind) is ExpectedVisibility.GONE
+    assert visibility_in_place(known(), image(1.5), behind) is ExpectedVisibility.SEEN_THROUGH
 
 
 def test_where_nothing_is_measured_nothing_is_said():
-    assert presence(known(), image(np.nan), NOWHERE) is ExpectedVisibility.HIDDEN
+    assert visibility_in_place(known(), image(np.nan), NOWHERE) is ExpectedVisibility.HIDDEN
     assert (
-        presence_at(known(), Pose.from_translation([9.0, 0.0, 1.0]), image(1.0)) is ExpectedVisibility.HIDDEN
+        visibility_at(known(), Pose.from_translation([9.0, 0.0, 1.0]), image(1.0))
+        is ExpectedVisibility.HIDDEN
     )
 
 
 def test_it_may_be_in_another_place_unless_the_camera_sees_through_it_there():
     there = Pose.from_translation([0.0, 0.1, 1.2])
-    assert presence_at(known(), there, image(1.0, 1.0)) is ExpectedVisibility.THERE
-    assert presence_at(known(), there, image(1.2, 1.2)) is ExpectedVisibility.THERE
-    assert presence_at(known(), there, image(1.5)) is ExpectedVisibility.GONE
+    assert visibility_at(known(), there, image(1.0, 1.0)) is ExpectedVisibility.VISIBLE
+    assert visibility_at(known(), there, image(1.2, 1.2)) is ExpectedVisibility.VISIBLE
+    assert visibility_at(known(), there, image(1.5)) is ExpectedVisibility.SEEN_THROUGH
 
 
 def test_images_of_different_sizes_are_refused():
     with pytest.raises(InvalidValue):
-        presence(known(), image(1.0), NOWHERE[:30])
+        visibility_in_place(known(), image(1.0), NOWHERE[:30])
 
 
 def test_a_segment_shows_what_was_at_its_depth_not_what_is_behind_it():
     def share(depth, moved=False):
         now = image(depth)
-        return share_shown(segment_from_pixels(now, PIXELS), now, known(), None, moved=moved)
+        return explained_share(segment_from_pixels(now, PIXELS), now, known(), None, moved=moved)
 
     assert share(1.0) == 1.0
     assert share(0.8) == 0.0
     assert share(1.0, moved=True) == 1.0  # by its surface
     assert (
-        share_shown(segment_from_pixels(image(1.0), ~PIXELS), image(1.0), known(), None, moved=False) < 0.05
+        explained_share(segment_from_pixels(image(1.0), ~PIXELS), image(1.0), known(), None, moved=False)
+        < 0.05
     )
 
 
@@ -97,7 +99,7 @@ def test_more_of_an_object_that_comes_into_view_belongs_to_it():
     placed = replace(one, template="box", X_WO=X_WO, explanations=(Explanation("box", X_WO),))
     elsewhere = np.zeros_like(PIXELS)
     elsewhere[5:8, 5:8] = True
-    assert share_shown(Segment(below, elsewhere, False), image(1.0), placed, template, moved=False) == 1.0
+    assert explained_share(Segment(below, elsewhere, False), image(1.0), placed, template, moved=False) == 1.0
 
 
 def test_a_shape_that_looks_the_same_is_taken_to_have_moved_least():
