@@ -107,7 +107,7 @@ def single_view(robot: RobotModel, model: ObjectModel, seed: int) -> View | None
     """Return what a noisy depth camera sees of the object alone on the table; None where it finds nothing."""
     world: Tabletop = tabletop(robot, (model,), seed=seed)
     with DepthCamera(world, noise=DepthNoise()) as camera:
-        view = camera.look(robot.home, rng=np.random.default_rng(seed))
+        view = camera.capture(robot.home, rng=np.random.default_rng(seed))
     segments, mine = segment_image(view.image).segments, view.pixels_of(model.name)
     if not segments:
         return None

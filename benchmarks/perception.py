@@ -60,7 +60,7 @@ def seen(robot: RobotModel, seed: int, objects: tuple[str, ...] | None = None) -
     """Return a random scene as the camera sees it."""
     scene = cluttered_tabletop(robot, seed, objects=objects)
     with DepthCamera(scene.world) as camera:
-        view = camera.look(scene.q, rng=np.random.default_rng([seed, 1]))
+        view = camera.capture(scene.q, rng=np.random.default_rng([seed, 1]))
         return View(scene, view, camera.unhidden_shares(view))
 
 

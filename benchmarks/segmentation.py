@@ -68,7 +68,7 @@ def looked_at(scene: ClutteredScene, camera: PinholeCamera, seed: int, clock: Cl
     robot, q = scene.world.robot, scene.q
     with DepthCamera(scene.world, camera=camera) as looking:
         rng = np.random.default_rng(seed)
-        view = clock.timed("rendering and noise", lambda: looking.look(q, rng=rng))
+        view = clock.timed("rendering and noise", lambda: looking.capture(q, rng=rng))
     image = view.image
     predicted = clock.timed("the arm's depth", lambda: robot_depth(robot, q, image.camera, image.X_WC))
     arm = clock.timed("the arm's pixels", lambda: robot_mask(robot, q, image))

@@ -25,13 +25,13 @@ def tell(events):
 
 with DepthCamera(world) as camera:
     # All that the observer gets: a depth image, and the arm's measured posture.
-    first = camera.look(robot.home, rng=rng).image
+    first = camera.capture(robot.home, rng=rng).image
     memory, events = observer.observe(SceneState(), first, robot.home)
     print("the first look:")
     tell(events)
 
     moved = {"can": Pose.from_translation([-0.04, 0.03, 0.0]) @ world.X_WO["can"]}
-    image = camera.look(robot.home, X_WO=moved, rng=rng, stamp=0.5).image
+    image = camera.capture(robot.home, X_WO=moved, rng=rng, stamp=0.5).image
     after, events = observer.observe(memory, image, robot.home)
     print("after the can was moved:")
     tell(events)

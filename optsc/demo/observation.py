@@ -62,7 +62,7 @@ class SceneObservation:
         self.observer = SceneObserver(world.robot, catalogue_templates(templates), settings, seed=seed)
         self.camera = DepthCamera(world, camera=camera)
         home = world.robot.home
-        self.view = self.camera.look(home, rng=np.random.default_rng([seed, 0]))
+        self.view = self.camera.capture(home, rng=np.random.default_rng([seed, 0]))
         self.first: SceneState
         self.events: tuple[SceneEvent, ...]
         before = perf_counter()
@@ -109,7 +109,7 @@ class EpisodeObservation:
     def __call__(self, time: float, measured: FollowerState) -> SceneUpdate | None:
         """Observe, and return the change of the scene for the controller; None where there is none."""
         objects = self._follower.objects()  # for the renderer alone
-        view = self._scene.camera.look(
+        view = self._scene.camera.capture(
             measured.q, measured.opening, objects, rng=self._rng, stamp=measured.time
         )
         before = perf_counter()

@@ -1,12 +1,14 @@
-"""Every grasp of every object, placed in the world: what a selection chooses from."""
+"""Grasp candidates: every grasp of every object, placed in the world, for a selection to choose from."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from optsc.checks import ArrayOf, Checked
 from optsc.errors import InvalidValue, Mismatch, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
@@ -14,7 +16,7 @@ from optsc.grasps.grasp_set import GraspSet
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class Candidates(Checked):
     """N grasps in the world frame W, object by object.
 
     Attributes:
@@ -28,27 +30,19 @@ class Candidates:
     """
 
     object_names: tuple[str, ...]
-    object_index: np.ndarray
-    grasp_index: np.ndarray
+    object_index: Annotated[np.ndarray, ArrayOf("N", dtype=np.int64)]
+    grasp_index: Annotated[np.ndarray, ArrayOf("N", dtype=np.int64)]
     X_WG: Pose
-    opening: Array
-    quality: Array
+    opening: Annotated[Array, ArrayOf("N")]
+    quality: Annotated[Array, ArrayOf("N")]
     jaw_symmetric: bool
 
     def __post_init__(self) -> None:
-        for field, kind in (
-            ("object_index", np.int64),
-            ("grasp_index", np.int64),
-            ("opening", float),
-            ("quality", float),
-        ):
-            value = np.array(getattr(self, field), dtype=kind)
-            if value.shape != self.X_WG.shape or value.ndim != 1:
-                raise InvalidValue(
-                    f"shape of the candidates' {field}", value.shape, f"{self.X_WG.shape}, one axis"
-                )
-            value.flags.writeable = False
-            object.__setattr__(self, field, value)
+        if np.shape(self.opening) != self.X_WG.shape:
+            raise InvalidValue(
+                "shape of the candidates' opening", np.shape(self.opening), f"{self.X_WG.shape}"
+            )
+        super().__post_init__()
 
     def __len__(self) -> int:
         return len(self.X_WG)

@@ -1,4 +1,4 @@
-"""The grasps of one object for one gripper."""
+"""Grasp set: the grasps of one object for one gripper, in the object's frame."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.checks import ArrayOf, Checked, NonNegative, Share
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 
 
 @dataclass(frozen=True, eq=False)
-class GraspSet:
+class GraspSet(Checked):
     """Grasps of one object in the object's frame O, for one gripper.
 
-    Each is carried out in the same way: open the jaws fully, come along the tool's z axis, close at the pose.
+    Each is executed alike: open the jaws fully, come along the tool's z axis, close at the pose.
 
     Attributes:
         object_name: name of the object.
@@ -45,12 +47,12 @@ class GraspSet:
     object_hash: str
     gripper: str
     X_OG: Pose
-    opening: Array
-    quality: Array
+    opening: Annotated[Array, ArrayOf("N"), NonNegative]
+    quality: Annotated[Array, ArrayOf("N"), Share]
     provenance: Mapping[str, object]
     jaw_symmetric: bool = True
-    tried: np.ndarray | None = None
-    held: np.ndarray | None = None
+    tried: Annotated[np.ndarray | None, ArrayOf("N", dtype=bool)] = None
+    held: Annotated[np.ndarray | None, ArrayOf("N", dtype=bool)] = None
 
     def __post_init__(self) -> None:
         if len(self.X_OG.shape) != 1:
@@ -58,15 +60,14 @@ class GraspSet:
         if not np.all(np.isfinite(self.X_OG.translation)):
             raise InvalidValue("grasp position", "not finite", "finite [m]")
         rotation.checked(self.X_OG.quaternion, "grasp orientation")
-        for field, top in (("opening", np.inf), ("quality", 1.0)):
-            value = np.array(getattr(self, field), dtype=float)
-            if value.shape != self.X_OG.shape:
-                raise InvalidValue(f"shape of the grasps' {field}", value.shape, f"{self.X_OG.shape}")
-            if not np.all(np.isfinite(value) & (value >= 0.0) & (value <= top)):
-                raise InvalidValue(f"grasp {field}", value.tolist(), f"finite, 0 to {top}")
-            value.flags.writeable = False
-            object.__setattr__(self, field, value)
-        self._check_trials()
+        if np.shape(self.opening) != self.X_OG.shape:
+            raise InvalidValue("shape of the grasps' opening", np.shape(self.opening), f"{self.X_OG.shape}")
+        super().__post_init__()
+        if self.tried is None or self.held is None:
+            if self.tried is not self.held:
+                raise InvalidValue("tried and held", "one of them alone", "both or neither")
+        elif np.any(self.held & ~self.tried):
+            raise InvalidValue("held", "true where tried is false", "grasps that were tried")
         # Through JSON once, so that a set is the same before it is stored and after.
         plain = json.loads(json.dumps(dict(self.provenance)))
         object.__setattr__(self, "provenance", MappingProxyType(plain))
@@ -125,19 +126,3 @@ class GraspSet:
         value = self.provenance.get(name)
         known = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
         return float(value) if known else None  # type: ignore[arg-type]
-
-    def _check_trials(self) -> None:
-        if (self.tried is None) != (self.held is None):
-            raise InvalidValue("tried and held", "one of them alone", "both or neither")
-        if self.tried is None or self.held is None:
-            return
-        for field in ("tried", "held"):
-            value = np.array(getattr(self, field))
-            if value.shape != self.X_OG.shape or value.dtype != np.bool_:
-                raise InvalidValue(
-                    f"the grasps' {field}", f"{value.dtype}{value.shape}", f"bool, shape {self.X_OG.shape}"
-                )
-            value.flags.writeable = False
-            object.__setattr__(self, field, value)
-        if np.any(self.held & ~self.tried):
-            raise InvalidValue("held", "true where tried is false", "grasps that were tried")

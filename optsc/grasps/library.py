@@ -1,4 +1,4 @@
-"""The grasps of several objects: kept together, stored, and placed in the world."""
+"""Grasp library: the grasps of several objects for one gripper, stored in a directory and placed in the world."""
 
 from __future__ import annotations
 

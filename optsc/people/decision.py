@@ -18,7 +18,7 @@ from optsc.people.parameters import AimParameters, HumanParameters, Intention
 from optsc.people.ready_pose import Aim, adjust_aim, draw_aim
 
 _REST_SPEED, _REST_TURN, _REST_WINDOW = 0.03, radians(15.0), 0.1
-"""A tool slower than this over this window looks at rest [m/s], [rad/s], [s]; tuned here."""
+"""A tool slower than this over this window counts as at rest [m/s], [rad/s], [s]; tuned here."""
 
 _HELPS = 0.8
 """A correction that leaves more than this share of the error did not help [-]; tuned here."""
@@ -99,7 +99,7 @@ class SimulatedPerson:
         return X_SH, time >= self._let_go_until, self.phase in (Phase.HAND_OVER, Phase.TAKE_OVER)
 
     def _observe(self, time: float, view: OperatorView) -> None:
-        # An object that is hidden for a while is remembered where it was.
+        # An object that is hidden for a while is kept where it was.
         self._known.update(view.objects)
         self._seen.append((time, view.X_WT))
         while time - self._seen[0][0] > self._human.reaction + _REST_WINDOW + 1e-9:
@@ -300,7 +300,7 @@ class SimulatedPerson:
 
 
 def _nearness(X: Pose, Y: Pose) -> float:
-    """Return how far apart two poses look [m]: an angle counts as what it moves 10 cm away."""
+    """Return how far apart two poses appear [m]: an angle counts as what it moves 10 cm away."""
     angle = float(rotation.angle(X.quaternion, Y.quaternion))
     return float(np.linalg.norm(X.translation - Y.translation)) + 0.1 * angle
 

@@ -41,7 +41,7 @@ class Simulated:
     Args:
         seed: of everything random.
         plan: intentions in order; None: one object of the first view, chosen at random.
-        R_WS: orientation of the station frame S in the world (w, x, y, z); the controller is told the same.
+        R_WS: orientation of the station frame S in the world (w, x, y, z); the controller gets the same.
         human: motor habits.
         aims: which ready poses the person likes.
         by_hand: whether the trigger closes the jaws, instead of handing over.

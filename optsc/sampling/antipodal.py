@@ -20,7 +20,7 @@ from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
 from optsc.grasps.grasp_set import GraspSet
 from optsc.robot.gripper import Gripper
-from optsc.sampling.checks import Sound, Tally, Workpiece, concatenate, sound_grasps
+from optsc.sampling.checks import FeasibleGrasps, Tally, Workpiece, concatenate, feasible_grasps
 from optsc.sampling.proposals import Propose, propose
 from optsc.sampling.quality import grasp_quality, hold_of, resisted_share, robustness
 from optsc.sampling.settings import AntipodalSettings
@@ -79,7 +79,7 @@ Progress = Callable[[str, int, int], None]
 SMALLEST, LARGEST = 0.002, 2.0
 """Longest side of an object [m]; what lies outside was most likely not given in metres."""
 
-_PATIENCE = 10  # rounds without a single sound grasp after which there is nothing more to hope for
+_PATIENCE = 10  # rounds without a single feasible grasp after which sampling ends without a result
 _SPARE = 1.3  # grasps to measure in full for each one wanted
 
 
@@ -97,7 +97,7 @@ class Kept(NamedTuple):
 
 
 def check_request(name: str, extents: Array, seed: int) -> None:
-    """Raise `InvalidValue` for a negative seed and for a size that cannot have been meant in metres."""
+    """Raise `InvalidValue` for a negative seed and for a size that is implausible in metres."""
     size = float(np.max(extents))
     if seed < 0:
         raise InvalidValue("seed", seed, "0 or above")
@@ -120,10 +120,10 @@ def gather(
     """Return up to ``settings.count`` grasps of an object out of as many rounds of proposals as that takes."""
     settings, tally = work.settings, tally or Tally()
     wanted, found = settings.pool * settings.count, 0
-    rounds: list[Sound] = []
+    rounds: list[FeasibleGrasps] = []
     hopeless = min(_PATIENCE, settings.max_rounds)
     while found < wanted and len(rounds) < (settings.max_rounds if found else hopeless):
-        rounds.append(sound_grasps(work, propose(rng), tally))
+        rounds.append(feasible_grasps(work, propose(rng), tally))
         found += len(rounds[-1].X_OG)
         last = len(rounds) >= (settings.max_rounds if found else hopeless)
         if progress is not None:
@@ -136,7 +136,9 @@ def gather(
     )
 
 
-def _measured(work: Workpiece, pool: Sound, rng: np.random.Generator, tally: Tally) -> tuple[Sound, Array]:
+def _measured(
+    work: Workpiece, pool: FeasibleGrasps, rng: np.random.Generator, tally: Tally
+) -> tuple[FeasibleGrasps, Array]:
     """Return grasps that bear errors and resist all wrenches, with their quality.
 
     Both take time, so they are measured only for as many as are needed, far apart and good ones first.
@@ -226,7 +228,7 @@ def sample_grasps(
     check, and ``tally`` keeps them where they are of interest. The quality is `optsc.sampling.quality.grasp_quality`.
 
     The same mesh, gripper, seed and settings give the same grasps. Raises `InvalidValue` for a negative seed
-    and for a mesh that cannot have been meant in metres.
+    and for a mesh that is implausible in metres.
     """
     settings = settings or AntipodalSettings()
     check_request(name, mesh.extents, seed)

@@ -1,4 +1,4 @@
-"""Which poses are sound grasps: reachable in a straight line, and held by enough of both pads."""
+"""Feasibility of grasps: the approach is free in a straight line, and enough of both pads carries load."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from optsc.sampling.contacts import (
     PadContacts,
     approach_boxes,
     closing_boxes,
+    collides,
     in_tool_frame,
     lowest_point,
     pad_contacts,
-    touched,
 )
 from optsc.sampling.settings import AntipodalSettings
-from optsc.sampling.surface import Surface
+from optsc.sampling.surface import SurfacePoints
 
-_COARSE = (64, 8)  # the first looks are at every so many points
+_COARSE = (64, 8)  # the first collision checks take every so many points
 _CHUNK = 150_000  # points in tool frames worked on at once: they stay in the processor's cache
 _CENTRED = 0.001  # [m] between the middle of the jaws and the middle of what they meet first
 
@@ -37,7 +37,7 @@ Witness = dict[str, list[Pose]]
 class Workpiece(NamedTuple):
     """An object with its surroundings in its frame, z up, the gripper, and what is asked of a grasp."""
 
-    surface: Surface
+    surface: SurfacePoints
     centre_of_mass: Array
     gripper: Gripper
     settings: AntipodalSettings
@@ -47,16 +47,16 @@ class Workpiece(NamedTuple):
     """Points of whatever stands around (M, 3) [m]."""
 
 
-class Sound(NamedTuple):
+class FeasibleGrasps(NamedTuple):
     """The poses that passed all checks."""
 
     X_OG: Pose
     contacts: PadContacts
     """Of each of them."""
 
-    def select(self, index: np.ndarray) -> Sound:
+    def select(self, index: np.ndarray) -> FeasibleGrasps:
         """Return some of them."""
-        return Sound(self.X_OG[index], PadContacts(*(values[index] for values in self.contacts)))
+        return FeasibleGrasps(self.X_OG[index], PadContacts(*(values[index] for values in self.contacts)))
 
 
 class Tally:
@@ -88,10 +88,10 @@ class Tally:
                 self.poses.setdefault(check, []).extend(poses)
 
 
-def sound_grasps(work: Workpiece, X_OG: Pose, tally: Tally) -> Sound:
-    """Return those of the poses X_OG that are sound; ``tally`` notes what is left after each check.
+def feasible_grasps(work: Workpiece, X_OG: Pose, tally: Tally) -> FeasibleGrasps:
+    """Return those of the poses X_OG that are feasible; ``tally`` notes what is left after each check.
 
-    The cheap checks come first, then a look at a few surface points, then all checks at all points.
+    The cheap checks come first, then collisions with a few surface points, then all checks at all points.
     """
     settings, points = work.settings, work.surface.points
     checks: tuple[tuple[str, Callable[[Pose], np.ndarray]], ...] = (
@@ -114,10 +114,10 @@ def sound_grasps(work: Workpiece, X_OG: Pose, tally: Tally) -> Sound:
     return concatenate(chunks)
 
 
-def concatenate(parts: list[Sound]) -> Sound:
+def concatenate(parts: list[FeasibleGrasps]) -> FeasibleGrasps:
     """Return all the poses of ``parts``, at least one, in one."""
     contacts = zip(*(part.contacts for part in parts), strict=True)
-    return Sound(
+    return FeasibleGrasps(
         Pose.concatenate([part.X_OG for part in parts]),
         PadContacts(*(np.concatenate(values) for values in contacts)),
     )
@@ -134,7 +134,7 @@ def dent(settings: AntipodalSettings) -> float:
     return DENT + 2.0 * settings.noise
 
 
-def _check_at_all_points(work: Workpiece, X_OG: Pose, tally: Tally) -> Sound:
+def _check_at_all_points(work: Workpiece, X_OG: Pose, tally: Tally) -> FeasibleGrasps:
     settings, gripper, margin = work.settings, work.gripper, work.settings.clearance
     deep, centred = dent(settings), _CENTRED + 2.0 * settings.noise
     points_T = in_tool_frame(X_OG, work.surface.points)
@@ -148,12 +148,12 @@ def _check_at_all_points(work: Workpiece, X_OG: Pose, tally: Tally) -> Sound:
     })  # fmt: skip
     X_OG, points_T = X_OG[left], points_T[:, left]
     pads = PadContacts(*(values[left] for values in pads))
-    jaws_way = closing_boxes(gripper, np.minimum(pads.width + 2 * deep, gripper.max_opening))
+    closing = closing_boxes(gripper, np.minimum(pads.width + 2 * deep, gripper.max_opening))
     left = _narrow(tally, X_OG, {
-        "way in is free": ~touched(points_T, approach_boxes(gripper, settings.standoff), (margin,) * 3),
-        "closing is free": ~touched(points_T, jaws_way, (DENT, 0.0, DENT)),
+        "way in is free": ~collides(points_T, approach_boxes(gripper, settings.standoff), (margin,) * 3),
+        "closing is free": ~collides(points_T, closing, (DENT, 0.0, DENT)),
     })  # fmt: skip
-    return Sound(X_OG, pads).select(left)
+    return FeasibleGrasps(X_OG, pads).select(left)
 
 
 def _narrow(tally: Tally, X_OG: Pose, checks: dict[str, np.ndarray]) -> np.ndarray:
@@ -166,13 +166,13 @@ def _narrow(tally: Tally, X_OG: Pose, checks: dict[str, np.ndarray]) -> np.ndarr
 
 
 def _free(work: Workpiece, X_OG: Pose, points: Array) -> np.ndarray:
-    """Tell whether the way in of each pose (K,) is free of points (N, 3)."""
+    """Tell whether the approach of each pose (K,) is free of points (N, 3)."""
     if len(points) == 0:
         return np.ones(len(X_OG), dtype=bool)
     boxes, margin = approach_boxes(work.gripper, work.settings.standoff), work.settings.clearance
     step = max(1, _CHUNK // len(points))
     free = [
-        ~touched(in_tool_frame(X_OG[i : i + step], points), boxes, (margin,) * 3)
+        ~collides(in_tool_frame(X_OG[i : i + step], points), boxes, (margin,) * 3)
         for i in range(0, len(X_OG), step)
     ]
     return np.concatenate([np.zeros(0, dtype=bool), *free])

@@ -14,7 +14,7 @@ import numpy as np
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.robot.gripper import Gripper
-from optsc.sampling.surface import Surface
+from optsc.sampling.surface import SurfacePoints
 
 _ALONE = 250_000
 """Multiplications up to which BLAS libraries leave a product to one thread; OpenBLAS: 4 * 65536."""
@@ -66,7 +66,7 @@ def closing_boxes(gripper: Gripper, opening: Array) -> Array:
     return np.stack([np.minimum(end, wide)[:, :, 0], np.maximum(end, wide)[:, :, 1]], axis=2)
 
 
-def touched(points_T: np.ndarray, boxes: Array, margin: tuple[float, float, float]) -> np.ndarray:
+def collides(points_T: np.ndarray, boxes: Array, margin: tuple[float, float, float]) -> np.ndarray:
     """Tell for each pose (K,) whether a point lies in a box grown by ``margin`` along x, y, z [m].
 
     Args:
@@ -126,7 +126,7 @@ class PadContacts(NamedTuple):
 
 def pad_contacts(
     points_T: np.ndarray,
-    surface: Surface,
+    surface: SurfacePoints,
     X_OG: Pose,
     gripper: Gripper,
     friction: float,

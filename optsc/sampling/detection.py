@@ -28,7 +28,7 @@ from optsc.sampling.proposals import propose_on_points
 from optsc.sampling.settings import AntipodalSettings
 from optsc.sampling.surface import FEWEST, measured_surface, with_normals
 
-_CELL = 0.006  # [m] on the object, side of the cells in which the camera's view is remembered
+_CELL = 0.006  # [m] on the object, side of the cells in which the camera's view is kept
 _DEEP = 0.08  # [m], the axis lies at most so far behind the middle of what was seen
 _STEP = 0.004  # [m] between the axes that are tried
 _ASIDE = 0.024  # [m], and at most so far beside it
@@ -39,7 +39,7 @@ _WORST = 0.25  # share of turned points where the camera looked through, above w
 _FEW = 400  # points that the axes are judged by
 
 
-class _View:
+class _SeenDistances:
     """What the camera saw, as the nearest distance in each cell of its directions."""
 
     def __init__(self, viewpoint: Array, points: Array) -> None:
@@ -77,7 +77,7 @@ class _View:
 
 
 def with_hidden_side(cloud: PointCloud, viewpoint: Array, neighbours: PointCloud | None = None) -> PointCloud:
-    """Return a cloud with guessed points added, marked as not seen; the cloud itself where no guess is sound.
+    """Return a cloud with guessed points added, marked as not seen; the cloud itself where no guess is plausible.
 
     Args:
         cloud: what was seen of one object, in a frame with z up.
@@ -95,7 +95,7 @@ def with_hidden_side(cloud: PointCloud, viewpoint: Array, neighbours: PointCloud
     points = cloud.points
     if np.linalg.norm(points - eye, axis=1).min() < 0.02:
         raise InvalidValue("viewpoint", eye.tolist(), "at least 20 mm away from the object")
-    view = _View(eye, points if neighbours is None else np.concatenate([points, neighbours.points]))
+    view = _SeenDistances(eye, points if neighbours is None else np.concatenate([points, neighbours.points]))
     tree, few = cKDTree(points), points[:: max(1, len(points) // _FEW)]
     axes = _axes(points, eye)
     best, mark = None, -np.inf
@@ -141,7 +141,7 @@ def _half_turn(points: Array, axis: Array) -> Array:
     return np.stack([2.0 * axis[0] - points[:, 0], 2.0 * axis[1] - points[:, 1], points[:, 2]], axis=-1)
 
 
-_REACH = 0.30  # [m] around the object within which neighbours can be in the way of a hand
+_REACH = 0.30  # [m] around the object within which neighbours can be in a hand's path
 _COARSE = 0.004  # [m] between the points that stand for neighbours
 
 
@@ -164,7 +164,7 @@ def detect_grasps(
 
     They promise what those of `optsc.sampling.sample_grasps` do, as far as the points show it. Normals are
     estimated where the cloud has none. Where no template filled in the unseen side and the camera's place is
-    known, a guess at that side takes part, see `optsc.sampling.detection`.
+    known, a guess at that side takes part, see `with_hidden_side`.
 
     The provenance gets ``source`` (``cloud``), ``visible_fraction`` (share of the points that were seen, as long
     as ``provenance`` names no other), ``noise`` [m], ``guessed`` (points of the unseen side) and what
@@ -181,11 +181,11 @@ def detect_grasps(
         neighbours: what else was seen, in O, such as other objects; the hand keeps away from it.
         viewpoint: place of the camera in O (3,) [m], where it is known.
         provenance: facts to store with the grasps; anything that JSON can hold.
-        progress: called with the object's name, the grasps found and the grasps that are looked for.
+        progress: called with the object's name, the grasps found and the grasps that are wanted.
         tally: notes the poses that are left after each check, where they are of interest.
 
     Raises:
-        InvalidValue: too few points, a size that cannot have been meant in metres, a negative seed.
+        InvalidValue: too few points, a size that is implausible in metres, a negative seed.
     """
     settings = settings or AntipodalSettings.for_clouds()
     if len(cloud) < FEWEST:

@@ -18,7 +18,7 @@ from optsc.robot.gripper import Gripper
 from optsc.sampling.antipodal import METHOD, Progress, gripper_fingerprint, sample_grasps
 from optsc.sampling.settings import AntipodalSettings
 
-WAY_OUT = "the stored grasps are kept: choose another folder, or replace them (--replace of optsc grasps, replace=True)"
+ADVICE = "the stored grasps are kept: choose another folder, or replace them (--replace of optsc grasps, replace=True)"
 
 
 def stored_set(directory: str | Path, name: str) -> GraspSet | None:
@@ -57,7 +57,7 @@ def check_keeping(grasps: GraspSet, directory: str | Path, *, replace: bool = Fa
 def refuse(directory: str | Path, stored: GraspSet, wanted: str) -> None:
     """Raise `InvalidValue` that says what is stored, what was ``wanted``, and what to do."""
     path = path_of(directory, stored.object_name)
-    raise InvalidValue(f"content of {path}", origin(stored), f"nothing, or {wanted}; {WAY_OUT}")
+    raise InvalidValue(f"content of {path}", origin(stored), f"nothing, or {wanted}; {ADVICE}")
 
 
 def origin(grasps: GraspSet) -> str:

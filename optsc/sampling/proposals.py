@@ -12,9 +12,9 @@ from optsc.geometry.rotation import Array
 from optsc.robot.gripper import Gripper
 from optsc.sampling.contacts import cone_cosine, thin_product
 from optsc.sampling.settings import AntipodalSettings
-from optsc.sampling.surface import Surface
+from optsc.sampling.surface import SurfacePoints
 
-_CHUNK = 2_000_000  # ray-face pairs held in memory at once
+_CHUNK = 2_000_000  # ray-face pairs computed at once
 
 
 def exits(
@@ -74,7 +74,7 @@ _DEPTH = 0.25  # the contacts lie within this share of the pad's length from its
 _BESIDE = 1.5  # spacings of the points between a ray and the points that it is said to meet
 
 
-class Pairs(NamedTuple):
+class ContactPairs(NamedTuple):
     """Pairs of opposite contacts."""
 
     first: Array
@@ -99,11 +99,11 @@ def propose(
     ray, width, far_normals = exits(mesh, points, directions, gripper.max_opening - 2 * settings.clearance)
     antipodal = np.einsum("ci,ci->c", far_normals, directions[ray]) >= cone_cosine(settings.friction)
     ray, width = ray[antipodal], width[antipodal]
-    return poses_across(Pairs(points[ray], directions[ray], width), gripper, rng)
+    return poses_across(ContactPairs(points[ray], directions[ray], width), gripper, rng)
 
 
 def propose_on_points(
-    surface: Surface, gripper: Gripper, settings: AntipodalSettings, rng: np.random.Generator
+    surface: SurfacePoints, gripper: Gripper, settings: AntipodalSettings, rng: np.random.Generator
 ) -> Pose:
     """Return poses X_OG (K,) as `propose` does, for a surface that is known at points only.
 
@@ -126,10 +126,10 @@ def propose_on_points(
     width = along[ray, point]
     _, kept = np.unique(np.stack([ray, np.floor(width / (2.0 * beside))]), axis=1, return_index=True)
     ray, width = ray[kept], width[kept]
-    return poses_across(Pairs(origins[ray], directions[ray], width), gripper, rng)
+    return poses_across(ContactPairs(origins[ray], directions[ray], width), gripper, rng)
 
 
-def poses_across(pairs: Pairs, gripper: Gripper, rng: np.random.Generator) -> Pose:
+def poses_across(pairs: ContactPairs, gripper: Gripper, rng: np.random.Generator) -> Pose:
     """Return the poses (8 C,) at pairs of contacts: directions all around the closing axis, random depths."""
     y = np.repeat(pairs.direction, _ANGLES, axis=0)
     middle = np.repeat(pairs.first + 0.5 * pairs.width[:, None] * pairs.direction, _ANGLES, axis=0)

@@ -12,8 +12,8 @@ import numpy as np
 
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
-from optsc.sampling.checks import Sound, Workpiece, dent, lever
-from optsc.sampling.contacts import approach_boxes, cone_cosine, in_tool_frame, pad_contacts, touched
+from optsc.sampling.checks import FeasibleGrasps, Workpiece, dent, lever
+from optsc.sampling.contacts import approach_boxes, collides, cone_cosine, in_tool_frame, pad_contacts
 from optsc.sampling.settings import AntipodalSettings
 
 EDGES = 6
@@ -76,7 +76,7 @@ def best_resistance(width: float, friction: float, torsion: float, length: float
 
 _ROOM = 0.015  # [m] on either side of the object that earns full marks
 _COVERED = 0.5  # share of a pad that earns full marks
-_SPARSE = 4  # perturbed poses are looked at with every fourth point
+_SPARSE = 4  # perturbed poses are checked with every fourth point
 _CHUNK = 150_000  # points in tool frames worked on at once
 
 
@@ -108,18 +108,20 @@ def grasp_quality(resisted: Array, robust: Array, hold: Array) -> Array:
     return (np.clip(resisted, 0.0, 1.0) * robust * hold**3) ** 0.2
 
 
-def hold_of(work: Workpiece, sound: Sound) -> Array:
-    """Return `hold_quality` (K,) of sound grasps."""
-    spare = work.gripper.max_opening - sound.contacts.width
-    return hold_quality(sound.contacts.coverage, lever(sound.X_OG, work.centre_of_mass), spare, work.settings)
+def hold_of(work: Workpiece, grasps: FeasibleGrasps) -> Array:
+    """Return `hold_quality` (K,) of feasible grasps."""
+    spare = work.gripper.max_opening - grasps.contacts.width
+    return hold_quality(
+        grasps.contacts.coverage, lever(grasps.X_OG, work.centre_of_mass), spare, work.settings
+    )
 
 
-def resisted_share(work: Workpiece, sound: Sound) -> Array:
-    """Return the `resistance` (K,) of sound grasps, as a share of what straight fingers at the middle resist."""
+def resisted_share(work: Workpiece, grasps: FeasibleGrasps) -> Array:
+    """Return the `resistance` (K,) of feasible grasps, as a share of what straight fingers at the middle resist."""
     settings = work.settings
     length = 0.5 * float(np.linalg.norm(np.ptp(work.surface.points, axis=0)))
-    points_O = sound.X_OG[:, None].apply(sound.contacts.points) - work.centre_of_mass
-    found = resistance(points_O, sound.contacts.inward, settings.friction, settings.torsion, length)
+    points_O = grasps.X_OG[:, None].apply(grasps.contacts.points) - work.centre_of_mass
+    found = resistance(points_O, grasps.contacts.inward, settings.friction, settings.torsion, length)
     width = min(work.gripper.max_opening, 2.0 * length)
     return found / best_resistance(width, settings.friction, settings.torsion, length)
 
@@ -128,7 +130,7 @@ def robustness(work: Workpiece, X_OG: Pose, rng: np.random.Generator) -> Array:
     """Return the share (K,) of poses with small errors that would still come in freely and hold.
 
     Each error is a normal rotation vector and translation in the tool frame. Held means: nothing is touched on
-    the way in, the object fits, both mean normals lie in the friction cone, and half of the coverage that is
+    the approach, the object fits, both mean normals lie in the friction cone, and half of the coverage that is
     asked of the grasp itself is there.
     """
     settings, count = work.settings, work.settings.perturbations
@@ -148,4 +150,4 @@ def _still_holds(work: Workpiece, X_OG: Pose) -> np.ndarray:
     holds = (pads.width > 0.0) & (pads.width <= gripper.max_opening)
     holds &= pads.alignment >= cone_cosine(settings.friction)
     holds &= pads.coverage >= 0.5 * settings.min_coverage
-    return holds & ~touched(points_T, approach_boxes(gripper, settings.standoff), (0.0, 0.0, 0.0))
+    return holds & ~collides(points_T, approach_boxes(gripper, settings.standoff), (0.0, 0.0, 0.0))

@@ -1,14 +1,18 @@
-"""The numbers that decide which grasps are kept."""
+"""Settings of grasp sampling: what a grasp has to fulfil, and how many are proposed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Annotated
 
-from optsc.errors import require_within
+from optsc.checks import Between, Checked
+
+_Count = Between(1, 1_000_000)
+_UpToOne = Between(0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class AntipodalSettings:
+class AntipodalSettings(Checked):
     """Settings of `sample_grasps` and `detect_grasps`; the defaults are for exact surfaces.
 
     Attributes:
@@ -30,35 +34,29 @@ class AntipodalSettings:
         angle_error: the same of rotations, per axis [rad].
         perturbations: poses with such errors that each grasp is tried at, in geometry.
         min_robustness: share of them that has to hold as well [-].
-        pool: sound grasps to gather for each one wanted, so that there is something to choose from.
+        pool: feasible grasps to gather for each one wanted, so that there is something to choose from.
         max_rounds: after so many rounds of sampling the pool is taken as it is.
     """
 
-    count: int = 150
-    friction: float = 0.5
-    standoff: float = 0.10
-    clearance: float = 0.003
-    table_clearance: float = 0.003
-    lowest_elevation: float = 0.0
-    min_coverage: float = 0.2
-    max_eccentricity: float = 0.6
-    min_alignment: float = 0.99
-    max_lever: float = 0.06
-    spacing: float = 0.002
-    noise: float = 0.0
-    torsion: float = 0.005
-    position_error: float = 0.002
-    angle_error: float = 0.03
-    perturbations: int = 8
-    min_robustness: float = 0.5
-    pool: int = 5
-    max_rounds: int = 60
-
-    def __post_init__(self) -> None:
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        counts = {field.name for field in fields(self) if isinstance(field.default, int)}
-        usual = {name: (1, 1_000_000) if name in counts else (0.0, 1.0) for name in values}
-        require_within("AntipodalSettings", values, usual | _RANGES)
+    count: Annotated[int, _Count] = 150
+    friction: Annotated[float, Between(0.01, 10.0)] = 0.5
+    standoff: Annotated[float, _UpToOne] = 0.10
+    clearance: Annotated[float, _UpToOne] = 0.003
+    table_clearance: Annotated[float, _UpToOne] = 0.003
+    lowest_elevation: Annotated[float, Between(0.0, 1.57)] = 0.0
+    min_coverage: Annotated[float, _UpToOne] = 0.2
+    max_eccentricity: Annotated[float, _UpToOne] = 0.6
+    min_alignment: Annotated[float, _UpToOne] = 0.99
+    max_lever: Annotated[float, Between(0.001, 1.0)] = 0.06
+    spacing: Annotated[float, Between(0.0001, 0.1)] = 0.002
+    noise: Annotated[float, Between(0.0, 0.01)] = 0.0
+    torsion: Annotated[float, Between(0.0001, 0.1)] = 0.005
+    position_error: Annotated[float, Between(0.0, 0.1)] = 0.002
+    angle_error: Annotated[float, _UpToOne] = 0.03
+    perturbations: Annotated[int, _Count] = 8
+    min_robustness: Annotated[float, _UpToOne] = 0.5
+    pool: Annotated[int, _Count] = 5
+    max_rounds: Annotated[int, _Count] = 60
 
     @classmethod
     def for_clouds(cls, count: int = 150) -> AntipodalSettings:
@@ -71,14 +69,3 @@ class AntipodalSettings:
             spacing=0.0025,
             max_rounds=40,
         )
-
-
-_RANGES: dict[str, tuple[float, float]] = {  # others: counts from 1 up, shares and lengths [m] from 0 to 1
-    "friction": (0.01, 10.0),
-    "lowest_elevation": (0.0, 1.57),
-    "max_lever": (0.001, 1.0),
-    "spacing": (0.0001, 0.1),
-    "noise": (0.0, 0.01),
-    "torsion": (0.0001, 0.1),
-    "position_error": (0.0, 0.1),
-}

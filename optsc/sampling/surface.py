@@ -13,7 +13,7 @@ from optsc.geometry.rotation import Array
 _SHARP = np.cos(np.radians(20.0))
 
 
-class Surface(NamedTuple):
+class SurfacePoints(NamedTuple):
     """Points of a surface in the object's frame."""
 
     points: Array
@@ -23,12 +23,12 @@ class Surface(NamedTuple):
     areas: Array
     """Area that each point stands for (N,) [m^2]; zero for points that only mark an edge."""
 
-    def every(self, step: int) -> Surface:
+    def every(self, step: int) -> SurfacePoints:
         """Return every ``step``-th point; the areas keep their sum in the mean."""
-        return Surface(self.points[::step], self.normals[::step], self.areas[::step] * step)
+        return SurfacePoints(self.points[::step], self.normals[::step], self.areas[::step] * step)
 
 
-def sample_surface(mesh: TriangleMesh, spacing: float, rng: np.random.Generator) -> Surface:
+def sample_surface(mesh: TriangleMesh, spacing: float, rng: np.random.Generator) -> SurfacePoints:
     """Return points about ``spacing`` [m] apart, uniform by area, shuffled among points along sharp edges.
 
     The edges are sampled as well because they are what sticks out furthest, and random points miss them.
@@ -40,7 +40,7 @@ def sample_surface(mesh: TriangleMesh, spacing: float, rng: np.random.Generator)
     areas = np.concatenate([np.full(count, area / count), np.zeros(len(edge_points))])
     points, normals = np.concatenate([points, edge_points]), np.concatenate([normals, edge_normals])
     order = rng.permutation(len(points))
-    return Surface(points[order], normals[order], areas[order])
+    return SurfacePoints(points[order], normals[order], areas[order])
 
 
 def mesh_area(mesh: TriangleMesh) -> float:
@@ -110,14 +110,14 @@ _AROUND = 3.0  # radius of the neighbourhood that a plane is laid through, in sp
 _NEIGHBOURS = 24
 _LONELY = 5  # points in a neighbourhood, itself included, below which a point is a flying pixel
 _SPREAD = 8  # the distance of so many neighbours tells how densely the points lie
-_TUBE = 1.2  # radius of the tube that is looked along to tell inside from outside, in spacings
+_TUBE = 1.2  # radius of the tube that tells inside from outside, in spacings
 _FAR = 0.10  # [m], length of the tube
 
 
 class Measured(NamedTuple):
     """A cloud that was made ready."""
 
-    surface: Surface
+    surface: SurfacePoints
     noise: float
     """Root mean square distance of the points from the planes through their neighbourhoods, median [m]."""
 
@@ -156,7 +156,7 @@ def measured_surface(
     flat, normals, areas, hints = flat[firm], normals[firm], areas[firm], hints[firm]
     normals = _outward(flat, normals, hints, spacing)
     order = np.random.default_rng(0).permutation(len(flat))  # every n-th point then is a fair sample
-    surface = Surface(flat[order], normals[order], areas[order])
+    surface = SurfacePoints(flat[order], normals[order], areas[order])
     return Measured(surface, float(min(np.median(rough[firm]), MOST_NOISE)))
 
 

@@ -27,7 +27,7 @@ from optsc.sim.objects import ObjectModel
 from optsc.sim.settings import GRAVITY
 
 MARGIN = 1e-3
-"""PyBullet rounds every convex mesh outwards by this much [m] and offers no way to change it."""
+"""PyBullet rounds every convex mesh outwards by this much [m] which cannot be changed."""
 
 TABLE_HALF_EXTENTS = (0.75, 0.9, 0.02)
 """Half the size of the table's top [m]."""
@@ -108,7 +108,7 @@ def wavefront(parts: Iterable[TriangleMesh]) -> str:
 
 
 def connect(gui: bool = False) -> int:
-    """Start a simulation of its own, with a window if ``gui``; return PyBullet's number of it.
+    """Start a separate simulation, with a window if ``gui``; return PyBullet's number of it.
 
     Raises:
         InvalidValue: a window where there is no display, or more simulations than PyBullet can have at once.
@@ -166,7 +166,7 @@ def _collision_text(model: ObjectModel) -> str:
 def add_object(client: int, model: ObjectModel, X_WO: Pose, *, visible: bool = False) -> int:
     """Put an object into the simulation ``client`` and return its body.
 
-    It is touched as its convex pieces and, if ``visible``, looked at as its exact surface. PyBullet reports
+    It is touched as its convex pieces and, if ``visible``, seen as its exact surface. PyBullet reports
     the pose of the principal frame M of its mass, see `inertia`, not of O.
     """
     mass_frame = inertia(model.mesh, model.mass)

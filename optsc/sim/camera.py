@@ -80,8 +80,8 @@ class CameraView:
 class DepthCamera:
     """A depth camera that stands in a simulated world; a context manager.
 
-    It draws from postures and poses alone, in a simulation of its own, so that any follower can be looked at
-    and looking changes nothing. Keep one for many images: loading the arm's surfaces takes up to half a second.
+    It renders from configurations and poses alone, in a separate simulation, so that it serves any follower
+    and changes nothing. Keep one for many images: loading the arm's surfaces takes up to half a second.
 
     Args:
         world: the arm and the objects.
@@ -124,7 +124,7 @@ class DepthCamera:
         self._label_of = np.full(max(bodies) + 2, NOTHING)
         self._label_of[bodies] = np.arange(len(bodies))  # its last entry is what the renderer's -1 finds
 
-    def look(
+    def capture(
         self,
         q: ArrayLike,
         opening: float | None = None,
@@ -137,7 +137,7 @@ class DepthCamera:
         """Return what the camera sees.
 
         Args:
-            q: the arm's posture (n,) [rad].
+            q: the arm's configuration (n,) [rad].
             opening: of the jaws [m]; wide open by default.
             X_WO: poses of objects by name; the others stand where they stood at the start.
             rng: what the sensor's errors are drawn from; without it the depths are exact.
@@ -145,7 +145,7 @@ class DepthCamera:
             stamp: time of the exposure [s].
 
         Raises:
-            InvalidValue: a posture that is none.
+            InvalidValue: no single configuration.
             UnknownName: a pose for an object that the world does not have.
             Closed: after `close`.
         """
@@ -159,7 +159,7 @@ class DepthCamera:
         seen = depth if rng is None else measured_depth(depth, self.camera, self.noise, rng)
         return CameraView(DepthImage(seen, self.camera, X_WC, stamp), labels, self.names, depth)
 
-    def look_at_running(
+    def capture_running(
         self, physics: Physics, *, rng: np.random.Generator | None = None, X_WC: Pose | None = None
     ) -> CameraView:
         """Return what the camera sees of a running simulation, such as a `PyBulletFollower`'s ``physics``.
@@ -169,13 +169,13 @@ class DepthCamera:
             Closed: after `close`.
         """
         q, _ = physics.joints()
-        return self.look(q, physics.opening(), physics.poses(), rng=rng, X_WC=X_WC, stamp=physics.time)
+        return self.capture(q, physics.opening(), physics.poses(), rng=rng, X_WC=X_WC, stamp=physics.time)
 
     def unhidden_shares(self, view: CameraView, X_WO: Mapping[str, Pose] | None = None) -> dict[str, float]:
         """Return for each object the share of its silhouette that nothing hides in a view, 0 to 1; to judge with.
 
         The silhouette is that of the object alone, within the image; 0 for an object outside of it. ``X_WO`` as
-        it was given to `look`. Takes a rendering for each object.
+        it was given to `capture`. Takes a rendering for each object.
         """
         shares, image = {}, view.image
         for name, X in {**self.world.X_WO, **(X_WO or {})}.items():
@@ -188,13 +188,13 @@ class DepthCamera:
         robot = self.world.robot
         if opening is None:
             opening = robot.gripper.max_opening if robot.gripper else 0.0
-        posture = robot.checked(q)
-        if posture.ndim != 1:
-            raise InvalidValue("q", posture.shape, f"a single posture, shape ({robot.n},)")
+        configuration = robot.checked(q)
+        if configuration.ndim != 1:
+            raise InvalidValue("q", configuration.shape, f"a single configuration, shape ({robot.n},)")
         for name in X_WO:
             if name not in self._objects:
                 raise UnknownName("object", name, self._objects)
-        self._arm.place(posture.tolist(), opening)
+        self._arm.place(configuration.tolist(), opening)
         for name, pose in X_WO.items():
             body, X_OM = self._objects[name]
             bullet_bodies.place_body(client, body, pose @ X_OM)

@@ -23,10 +23,10 @@ AREA_RADIUS = 0.16
 DROP = 0.002
 """Objects are let go this far above the table [m]."""
 LONGEST_SETTLING = 4.0
-"""A scene that still moves after this time is drawn anew [s]."""
+"""A scene that still moves after this time is drawn again [s]."""
 _HOVER_RADIUS, _HOVER_HEIGHTS = 0.12, (0.10, 0.30)
-"""The hand is as near as random postures come to a point this far from the objects' middle, this high [m]."""
-_SCENES, _PLACES, _POSTURES = 40, 60, 512
+"""The hand is as near as random configurations come to a point this far from the objects' middle, this high [m]."""
+_SCENES, _PLACES, _CONFIGURATIONS = 40, 60, 512
 _STILL = (2e-3, 2e-2)  # [m/s], [rad/s]
 _CHECK_EVERY, _CALM_CHECKS = 25, 4  # simulation steps
 
@@ -37,7 +37,7 @@ class ClutteredScene:
 
     Attributes:
         world: the objects where they came to rest.
-        q: a posture of the arm with its hand above the objects (n,) [rad].
+        q: a configuration of the arm with its hand above the objects (n,) [rad].
         lying: names of the objects that do not stand on their base.
     """
 
@@ -60,7 +60,7 @@ def cluttered_tabletop(
     Args:
         robot: the arm.
         seed: same robot, arguments and seed, same scene.
-        objects: names from `OBJECT_NAMES` or models of one's own, each name once; three to five at random by
+        objects: names from `OBJECT_NAMES` or user-defined models, each name once; three to five at random by
             default.
         lying: chance of an object to be put down on its side [-].
         gap: least distance between two objects when they are let go [m].
@@ -190,7 +190,7 @@ def _attitude(rng: np.random.Generator, lying: bool) -> Array:
 
 
 def _hovering(world: Tabletop, rng: np.random.Generator) -> Array:
-    """Return a posture (n,) [rad] with the hand above the objects that touches nothing; else the home one."""
+    """Return a configuration (n,) [rad] with the hand above the objects that touches nothing; else the home one."""
     from optsc.robot.collision import CollisionModel
 
     robot = world.robot
@@ -200,7 +200,7 @@ def _hovering(world: Tabletop, rng: np.random.Generator) -> Array:
     r, angle = _HOVER_RADIUS * np.sqrt(rng.random()), rng.uniform(-np.pi, np.pi)
     wanted = middle[:2] + r * np.array([np.cos(angle), np.sin(angle)])
     place = np.array([*wanted, rng.uniform(*_HOVER_HEIGHTS)])
-    q = robot.limits.clip(robot.home + rng.normal(0.0, 0.5, (_POSTURES, robot.n)))
+    q = robot.limits.clip(robot.home + rng.normal(0.0, 0.5, (_CONFIGURATIONS, robot.n)))
     q = q[np.argsort(np.linalg.norm(robot.forward(q).translation - place, axis=1), kind="stable")]
-    clear = np.flatnonzero(scene.clear(q[: _POSTURES // 4]).clear)
+    clear = np.flatnonzero(scene.clear(q[: _CONFIGURATIONS // 4]).clear)
     return np.array(q[clear[0]] if len(clear) else robot.home)

@@ -20,7 +20,7 @@ from optsc.sim.tabletop import Tabletop
 
 
 class PyBulletFollower:
-    """A `Follower` in a simulated world: it starts on construction, at the home posture, and needs closing.
+    """A `Follower` in a simulated world: it starts on construction, at the home configuration, and needs closing.
 
     Between two commands the arm is led along the cubic that has both commands' positions and velocities, and
     gets a new target at every simulation step: a drive that holds one for a whole period lags behind it.
@@ -65,9 +65,9 @@ class PyBulletFollower:
         The same commands give the same bytes after every reset and in every new follower.
         Raises `InvalidValue`.
         """
-        physics, posture = self.physics, one_posture(self.robot, q)
-        physics.reset(posture)
-        self._last = self._at_rest(posture)
+        physics, configuration = self.physics, one_posture(self.robot, q)
+        physics.reset(configuration)
+        self._last = self._at_rest(configuration)
         return self.state()
 
     def apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
@@ -81,9 +81,9 @@ class PyBulletFollower:
         steps = self._steps(command.period)
         knots = np.stack([*self._last, command.q, command.v])
         knots[[1, 3]] *= command.period
-        way = _cubic(steps) @ knots
-        speeds = np.diff(way, axis=0) / physics.settings.time_step
-        for position, speed in zip(way.tolist(), speeds.tolist(), strict=False):
+        positions = _cubic(steps) @ knots
+        speeds = np.diff(positions, axis=0) / physics.settings.time_step
+        for position, speed in zip(positions.tolist(), speeds.tolist(), strict=False):
             physics.step(position, speed, command.opening)
         self._last = command.q, command.v
         return self.state()

@@ -283,7 +283,7 @@ class FloatingHand:
 
 @contextmanager
 def _ground(settings: TrialSettings) -> Iterator[int]:
-    """A simulation of its own with a plane."""
+    """A separate simulation with a plane."""
     client = connect()
     try:
         set_physics(client, settings.time_step, settings.solver_iterations)

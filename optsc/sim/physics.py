@@ -22,7 +22,7 @@ class Physics:
     """The running simulation of a `Tabletop`; a context manager. Nothing moves but in `step`.
 
     Args:
-        world: the arm, the objects and where they stand; the arm starts at its home posture.
+        world: the arm, the objects and where they stand; the arm starts at its home configuration.
         gui: whether PyBullet's window is opened; it needs a display.
         settings: time step, gains, friction and so on.
 
@@ -83,18 +83,18 @@ class Physics:
     def reset(self, q: ArrayLike) -> None:
         """Put the arm at ``q`` (n,) [rad] at rest, jaws open, the objects where they stood; time becomes 0.
 
-        Everything is built anew, so that what follows is the same, bit for bit, whatever happened before: a
-        state that PyBullet restores lacks what its broad phase and its solver remember.
+        Everything is built again, so that what follows is the same, bit for bit, whatever happened before: a
+        state that PyBullet restores lacks what its broad phase and its solver store.
         Raises `InvalidValue`.
         """
         robot = self.world.robot
-        posture = robot.checked(q)
-        if posture.ndim != 1:
-            raise InvalidValue("q", posture.tolist(), f"finite, shape ({robot.n},) [rad]")
+        configuration = robot.checked(q)
+        if configuration.ndim != 1:
+            raise InvalidValue("q", configuration.tolist(), f"finite, shape ({robot.n},) [rad]")
         pybullet.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 0, physicsClientId=self.client)
         self._build()
         pybullet.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 1, physicsClientId=self.client)
-        self._arm.place(posture.tolist(), robot.gripper.max_opening if robot.gripper else 0.0)
+        self._arm.place(configuration.tolist(), robot.gripper.max_opening if robot.gripper else 0.0)
         self._steps = 0
 
     def step(self, q: Sequence[float], v: Sequence[float], opening: float) -> None:
@@ -133,7 +133,7 @@ class Physics:
         X_WO = Pose(np.roll(xyzw, 1, axis=-1), p) @ self._X_MO
         return {name: X_WO[i] for i, name in enumerate(self._bodies)}
 
-    def touching(self, name: str) -> frozenset[str]:
+    def contacts(self, name: str) -> frozenset[str]:
         """Return what presses on an object: links of the arm, other objects, ``table`` or ``floor``.
 
         As of the last step; the arm's root link is called ``base``. Raises `UnknownName`.
@@ -145,9 +145,9 @@ class Physics:
 
     def held(self, name: str) -> bool:
         """Tell whether both jaws press on an object; raise `UnknownName`."""
-        touching = self.touching(name)
+        contacts = self.contacts(name)
         fingers = [self._arm.link_names[index] for index in self._arm.fingers]
-        return bool(fingers) and touching.issuperset(fingers)
+        return bool(fingers) and contacts.issuperset(fingers)
 
     def _name_of(self, body: int, link: int) -> str:
         return self._arm.link_names[link] if body == self._arm.body else self._names[body]

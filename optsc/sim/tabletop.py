@@ -55,7 +55,7 @@ def tabletop(
 
     Args:
         robot: the arm; its reach decides the region, see `optsc.sim.workspace`.
-        objects: names from `OBJECT_NAMES` or models of one's own, each name once.
+        objects: names from `OBJECT_NAMES` or user-defined models, each name once.
         seed: same robot, objects and seed, same poses.
         spacing: least distance between the centres of two objects [m].
         gap: least distance between the circles around two objects [m], so that a hand fits between them.

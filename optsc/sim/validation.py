@@ -107,7 +107,7 @@ def try_grasps(
 ) -> TrialOutcome:
     """Return what happens when a floating Panda hand tries each grasp on the object, which stands on a plane.
 
-    Each trial has a simulation of its own, so the outcome of a grasp depends on nothing but itself: it is the
+    Each trial has a separate simulation, so the outcome of a grasp depends on nothing but itself: it is the
     same, bit for bit, for any number of workers. Arguments and errors are those of `validate`.
     """
     if workers < 1:
@@ -134,7 +134,7 @@ def _mapping(workers: int) -> Iterator[Callable[[Callable[[Pose], Any], list[Pos
     if workers == 1:
         yield map
         return
-    # New processes: a copy of this one could inherit a simulation or a thread half way.
+    # New processes: a copy of this one could inherit a simulation or a thread in an unknown state.
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
     try:
         yield partial(pool.map, chunksize=_CHUNK)

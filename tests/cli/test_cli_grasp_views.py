@@ -19,7 +19,7 @@ def view():
     robot = optsc.load_robot("panda")
     world = optsc.sim.tabletop(robot, objects=("can", "box"), seed=1)
     with DepthCamera(world, camera=PinholeCamera.from_field_of_view(320, 240, 0.75)) as camera:
-        return camera.look(robot.home, rng=np.random.default_rng(0)).image
+        return camera.capture(robot.home, rng=np.random.default_rng(0)).image
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def test_what_was_seen_lying_is_tried_lying(tmp_path, arm, capsys):
     lying = Pose.from_rotation_vector([0.0, 0.5 * np.pi, 0.0], np.array([0.0, 0.0, 0.0300]))
     turned = Pose.from_translation(world.X_WO["bottle"].translation) @ lying
     with DepthCamera(world, camera=PinholeCamera.from_field_of_view(320, 240, 0.75)) as camera:
-        image = camera.look(robot.home, X_WO={"bottle": turned}, rng=np.random.default_rng(0)).image
+        image = camera.capture(robot.home, X_WO={"bottle": turned}, rng=np.random.default_rng(0)).image
     save_depth_image(tmp_path / "view.npz", image)
     code, folder = build(tmp_path / "view.npz", "--templates", "bottle", *arm)
     assert code == 0

@@ -26,7 +26,7 @@ from optsc.perception import (
 )
 from optsc.perception.scene_registration import SceneRegistrar
 from optsc.robot import load_robot
-from optsc.sampling.contacts import approach_boxes, in_tool_frame, touched
+from optsc.sampling.contacts import approach_boxes, collides, in_tool_frame
 from optsc.sampling.settings import AntipodalSettings
 from optsc.sim import Tabletop, object_model
 from optsc.sim.camera import DepthCamera
@@ -57,7 +57,7 @@ class ObservedTable:
         self.count += 1
         rng = np.random.default_rng(self.count)
         q = self.robot.home if q is None else q
-        return self.camera.look(q, X_WO={**self.X_WO, **moved}, rng=rng, stamp=0.5 * self.count).image
+        return self.camera.capture(q, X_WO={**self.X_WO, **moved}, rng=rng, stamp=0.5 * self.count).image
 
     def observe(self, state, q=None, **moved):
         image = self.image(q, **moved)
@@ -232,7 +232,7 @@ def test_the_hand_keeps_away_from_every_place_where_a_hidden_handle_may_be(mug, 
     assert min(float(a @ b) for a in spread for b in spread) < 0.97  # the handle may be in different places
     assert len(known.doubtful) > 20
     boxes = approach_boxes(gripper, AntipodalSettings().standoff)
-    assert not touched(in_tool_frame(grasps.X_OG, known.doubtful), boxes, (0.0,) * 3).any()
+    assert not collides(in_tool_frame(grasps.X_OG, known.doubtful), boxes, (0.0,) * 3).any()
 
 
 def test_an_unknown_shape_is_grasped_as_it_is_seen(table, templates):

@@ -71,7 +71,7 @@ def test_no_pixel_of_the_arm_is_missed_and_none_is_nearer_than_said(name):
     for camera in (SMALL, LARGE):
         with DepthCamera(Tabletop(robot, {}, {}), X_WC, camera) as looking:
             for q in postures(robot, 2):
-                view = looking.look(q)
+                view = looking.capture(q)
                 arm, depth = view.pixels_of("arm"), robot_depth(robot, q, camera, X_WC)
                 assert arm.sum() > 500
                 assert (depth[arm] <= view.true_depth[arm]).all()
@@ -80,7 +80,7 @@ def test_no_pixel_of_the_arm_is_missed_and_none_is_nearer_than_said(name):
 
 def test_the_predicted_arm_is_not_much_larger_than_the_arm(robot):
     with DepthCamera(Tabletop(robot, {}, {}), X_WC, LARGE) as looking:
-        view = looking.look(robot.home)
+        view = looking.capture(robot.home)
     arm = view.pixels_of("arm").sum()
     assert np.isfinite(robot_depth(robot, robot.home, LARGE, X_WC)).sum() < 2.0 * arm
     assert robot_mask(robot, robot.home, view.image).sum() < 1.5 * arm
@@ -174,7 +174,7 @@ def test_an_object_at_the_edge_of_the_image_and_of_one_pixel_is_judged_alike():
 
 def test_the_real_arm_in_front_hides_beside_does_not(robot):
     with DepthCamera(Tabletop(robot, {}, {}), X_WC, SMALL) as looking:
-        view = looking.look(robot.home)
+        view = looking.capture(robot.home)
     depth = robot_depth(robot, robot.home, SMALL, X_WC)
     rows, columns = np.nonzero(view.pixels_of("arm"))
     at = np.zeros((120, 160), dtype=bool)

@@ -26,7 +26,7 @@ def view(robot):
     objects = {name: object_model(name) for name in APART}
     X_WO = {name: Pose.from_translation([*place, 0.0]) for name, place in APART.items()}
     with DepthCamera(Tabletop(robot, objects, X_WO), X_WC, CAMERA) as camera:
-        return camera.look(robot.home, rng=np.random.default_rng(0))
+        return camera.capture(robot.home, rng=np.random.default_rng(0))
 
 
 def overlap(a, b):
@@ -63,7 +63,7 @@ def test_a_segment_s_points_are_those_of_its_pixels_and_its_normals_face_the_cam
 def test_normals_of_a_box_are_those_of_its_sides(robot):
     X_WO = {"box": Pose.from_rotation_vector([0.0, 0.0, 0.5], [0.5, 0.0, 0.0])}
     with DepthCamera(Tabletop(robot, {"box": object_model("box")}, X_WO), X_WC, CAMERA) as camera:
-        exact = camera.look(robot.home).image
+        exact = camera.capture(robot.home).image
     (box,) = segment_image(exact, robot_mask=robot_mask(robot, robot.home, exact)).segments
     normals = X_WO["box"].inverse().apply(box.cloud.normals + X_WO["box"].translation)
     straight = np.abs(normals).max(axis=1)
@@ -84,7 +84,7 @@ def test_an_object_at_the_edge_of_the_image_says_so(robot, view):
     objects = {name: object_model(name) for name in APART}
     X_WO = {name: Pose.from_translation([*place, 0.0]) for name, place in APART.items()}
     with DepthCamera(Tabletop(robot, objects, X_WO), X_WC, camera) as looking:
-        shifted = looking.look(robot.home)
+        shifted = looking.capture(robot.home)
     segments = segment_image(shifted.image, robot_mask=robot_mask(robot, robot.home, shifted.image)).segments
     for found in segments:
         edge = np.zeros_like(found.pixels)
@@ -193,7 +193,7 @@ def test_what_hangs_over_is_joined_to_what_is_below_it(robot):
     """A drill's barrel hides its grip from above."""
     X_WO = {"drill": Pose.from_rotation_vector([0.0, 0.0, 1.2], [0.5, 0.0, 0.0])}
     with DepthCamera(Tabletop(robot, {"drill": object_model("drill")}, X_WO), X_WC, CAMERA) as camera:
-        view = camera.look(robot.home, rng=np.random.default_rng(0))
+        view = camera.capture(robot.home, rng=np.random.default_rng(0))
     arm = robot_mask(robot, robot.home, view.image)
     seen = view.pixels_of("drill") & view.image.measured
     assert best_overlap(segment_image(view.image, robot_mask=arm).segments, seen) > 0.9
@@ -206,7 +206,7 @@ def test_most_objects_of_cluttered_tables_are_found(robot):
     for seed in (1003, 1011, 1016):
         scene = cluttered_tabletop(robot, seed)
         with DepthCamera(scene.world) as camera:
-            view = camera.look(scene.q, rng=np.random.default_rng(seed))
+            view = camera.capture(scene.q, rng=np.random.default_rng(seed))
         segments = segment_image(view.image, robot_mask=robot_mask(robot, scene.q, view.image)).segments
         for name in scene.world.objects:
             seen = view.pixels_of(name) & view.image.measured

@@ -9,14 +9,14 @@ from optsc.sampling.antipodal import LENGTH, pose_distance, spread_out
 from optsc.sampling.contacts import (
     approach_boxes,
     closing_boxes,
+    collides,
     in_tool_frame,
     lowest_point,
     pad_contacts,
     thin_product,
-    touched,
 )
 from optsc.sampling.proposals import exits
-from optsc.sampling.surface import Surface, centre_of_mass, is_closed, mesh_area, sample_surface
+from optsc.sampling.surface import SurfacePoints, centre_of_mass, is_closed, mesh_area, sample_surface
 from optsc.sim.objects import object_model
 from optsc.sim.objects.solids import cuboid
 
@@ -104,12 +104,12 @@ class TestClearance:
             grown = boxes + np.array([[-1.0], [1.0]]) * margin
             expected.append(any(np.any(np.all((p > b[0]) & (p < b[1]), axis=1)) for b in grown))
         assert 5 < sum(expected) < 55
-        assert touched(in_tool_frame(X_OG, points), boxes, margin).tolist() == expected
+        assert collides(in_tool_frame(X_OG, points), boxes, margin).tolist() == expected
 
     def test_boxes_of_each_pose_are_used_for_that_pose(self) -> None:
         X_OG, point = Pose.identity((2,)), np.array([[0.0, 0.03, 0.0]])
         boxes = closing_boxes(PANDA_HAND, np.array([0.07, 0.02]))
-        assert touched(in_tool_frame(X_OG, point), boxes, (0.0, 0.0, 0.0)).tolist() == [False, True]
+        assert collides(in_tool_frame(X_OG, point), boxes, (0.0, 0.0, 0.0)).tolist() == [False, True]
 
     def test_the_approach_contains_the_open_gripper_and_its_half_turn_all_along(self) -> None:
         swept = approach_boxes(PANDA_HAND, 0.1)
@@ -141,7 +141,7 @@ class TestContacts:
 
     surface = sample_surface(cuboid([-0.1, -0.02, -0.1], [0.1, 0.02, 0.1]), 0.001, np.random.default_rng(0))
 
-    def contacts(self, surface: Surface, X_OG: Pose) -> dict[str, float]:
+    def contacts(self, surface: SurfacePoints, X_OG: Pose) -> dict[str, float]:
         points_T = in_tool_frame(X_OG, surface.points)
         found = pad_contacts(points_T, surface, X_OG, PANDA_HAND, 0.5)._asdict()
         return {name: float(value[0]) for name, value in found.items() if value.ndim == 1}

@@ -47,7 +47,7 @@ def hits(name, origin, rays):
 @pytest.mark.parametrize("eye", [(1.1, 0.3, 0.6), (0.5, -0.6, 0.9), (0.2, 0.4, 1.3)])
 def test_every_pixel_lies_on_the_surface_that_it_shows(world, intrinsics, eye):
     with DepthCamera(world, look_at(eye, [0.5, 0.0, 0.05]), intrinsics) as camera:
-        view = camera.look(world.robot.home)
+        view = camera.capture(world.robot.home)
     points = view.image.points()
     # The usual half pixel would be off by 1 to 2 mm here.
     assert np.abs(points[view.pixels_of("table")][:, 2]).max() < 1e-5
@@ -61,7 +61,7 @@ def test_every_pixel_lies_on_the_surface_that_it_shows(world, intrinsics, eye):
 
 
 def test_the_sides_of_a_box_are_where_they_are(camera, world):
-    view = camera.look(world.robot.home)
+    view = camera.capture(world.robot.home)
     shown = X_WO["box"].inverse().apply(view.image.points()[view.pixels_of("box")])
     low, high = object_model("box").mesh.vertices.min(axis=0), object_model("box").mesh.vertices.max(axis=0)
     off = np.abs(np.concatenate([shown - low, high - shown], axis=1)).min(axis=1)
@@ -70,7 +70,7 @@ def test_the_sides_of_a_box_are_where_they_are(camera, world):
 
 
 def test_labels_tell_the_table_the_arm_and_the_objects_apart(camera, world):
-    view = camera.look(world.robot.home)
+    view = camera.capture(world.robot.home)
     assert view.names == ("table", "floor", "arm", "box", "mug")
     assert all(view.pixels_of(name).sum() > 200 for name in ("table", "arm", "box", "mug"))
     np.testing.assert_array_equal(np.isnan(view.true_depth), view.labels < 0)
@@ -79,17 +79,17 @@ def test_labels_tell_the_table_the_arm_and_the_objects_apart(camera, world):
 
 
 def test_an_object_is_seen_where_it_is_put_and_the_arm_where_its_posture_puts_it(camera, world):
-    home = camera.look(world.robot.home)
-    moved = camera.look(world.robot.home, X_WO={"box": Pose.from_translation([0.4, 0.2, 0.0])})
+    home = camera.capture(world.robot.home)
+    moved = camera.capture(world.robot.home, X_WO={"box": Pose.from_translation([0.4, 0.2, 0.0])})
     assert (home.pixels_of("box") != moved.pixels_of("box")).sum() > 200
     np.testing.assert_array_equal(home.pixels_of("mug"), moved.pixels_of("mug"))
-    bent = camera.look(world.robot.home + [0.0, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
+    bent = camera.capture(world.robot.home + [0.0, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert (home.pixels_of("arm") != bent.pixels_of("arm")).sum() > 100
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(camera, world):
     first, again, other = (
-        camera.look(world.robot.home, rng=np.random.default_rng(seed)).image.depth for seed in (1, 1, 2)
+        camera.capture(world.robot.home, rng=np.random.default_rng(seed)).image.depth for seed in (1, 1, 2)
     )
     assert first.tobytes() == again.tobytes() != other.tobytes()
 
@@ -100,24 +100,24 @@ def test_a_running_simulation_is_seen_as_it_is_and_is_not_disturbed(camera, worl
             physics.step(world.robot.home.tolist(), [0.0] * world.robot.n, 0.04)
         q, _ = physics.joints()
         poses = physics.poses()
-        seen = camera.look_at_running(physics)
+        seen = camera.capture_running(physics)
         assert seen.image.stamp == physics.time == pytest.approx(0.02)
-        expected = camera.look(q, physics.opening(), poses)
+        expected = camera.capture(q, physics.opening(), poses)
         np.testing.assert_array_equal(seen.image.depth, expected.image.depth)
         assert physics.poses()["box"].translation.tobytes() == poses["box"].translation.tobytes()
 
 
 def test_the_unhidden_share_of_an_object_is_one_in_the_open_and_falls_behind_another(camera, world):
-    view = camera.look(world.robot.home)
+    view = camera.capture(world.robot.home)
     assert camera.unhidden_shares(view) == pytest.approx({"box": 1.0, "mug": 1.0}, abs=0.01)
     behind = X_WO["box"].translation + 0.09 * (X_WO["box"].translation - camera.X_WC.translation) * [1, 1, 0]
     moved = {"mug": Pose.from_translation([*behind[:2], 0.0])}
-    hidden = camera.look(world.robot.home, X_WO=moved)
+    hidden = camera.capture(world.robot.home, X_WO=moved)
     shares = camera.unhidden_shares(hidden, moved)
     assert shares["box"] == pytest.approx(1.0, abs=0.01)
     assert 0.0 < shares["mug"] < 0.6
     outside = {"mug": Pose.from_translation([-5.0, 0.0, 0.0])}
-    assert camera.unhidden_shares(camera.look(world.robot.home, X_WO=outside), outside)["mug"] == 0.0
+    assert camera.unhidden_shares(camera.capture(world.robot.home, X_WO=outside), outside)["mug"] == 0.0
 
 
 def test_the_view_of_the_table_has_the_workspace_in_the_middle(world):
@@ -129,11 +129,11 @@ def test_the_view_of_the_table_has_the_workspace_in_the_middle(world):
 
 def test_what_cannot_be_looked_at_is_refused(camera, world):
     with pytest.raises(InvalidValue, match="q"):
-        camera.look(world.robot.home[:-1])
-    with pytest.raises(InvalidValue, match="single posture"):
-        camera.look(world.robot.home[None])
+        camera.capture(world.robot.home[:-1])
+    with pytest.raises(InvalidValue, match="single configuration"):
+        camera.capture(world.robot.home[None])
     with pytest.raises(UnknownName, match="teapot"):
-        camera.look(world.robot.home, X_WO={"teapot": Pose.identity()})
+        camera.capture(world.robot.home, X_WO={"teapot": Pose.identity()})
     with pytest.raises(InvalidValue, match="distance"):
         view_of_table(world.robot, distance=0.0)
 
@@ -143,4 +143,4 @@ def test_a_closed_camera_says_so(world):
     camera.close()
     camera.close()
     with pytest.raises(Closed):
-        camera.look(world.robot.home)
+        camera.capture(world.robot.home)

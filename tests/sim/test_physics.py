@@ -141,7 +141,7 @@ def test_objects_at_rest_stay_where_they_are(panda):
             assert np.linalg.norm(X_WO.translation - world.X_WO[name].translation) < 2e-5
             assert np.linalg.norm(X_WO.translation - settled[name].translation) < 1e-6
             assert rotation.angle(X_WO.quaternion, settled[name].quaternion) < 5e-5
-            assert physics.touching(name) == {"table"}
+            assert physics.contacts(name) == {"table"}
             assert not physics.held(name)
 
 
@@ -192,7 +192,7 @@ def test_the_jaws_hold_what_coulomb_friction_lets_them_hold(panda, mass, frictio
         lead(physics, above, at, 0.4, 0.08)
         lead(physics, at, at, 0.6, 0.0)
         assert physics.held("cube")
-        assert physics.touching("cube") >= {"panda_leftfinger", "panda_rightfinger"}
+        assert physics.contacts("cube") >= {"panda_leftfinger", "panda_rightfinger"}
         assert physics.opening() == pytest.approx(0.05, abs=5e-4)
         lead(physics, at, lifted, 0.6, 0.0)
         start = physics.poses()["cube"]
@@ -230,7 +230,7 @@ def test_two_simulations_do_not_see_each_other(panda):
 
 def test_an_unknown_object_is_refused(panda):
     with Physics(tabletop(panda, ("can",))) as physics:
-        for ask in (physics.touching, physics.held):
+        for ask in (physics.contacts, physics.held):
             with pytest.raises(UnknownName, match="can"):
                 ask("teapot")
 

@@ -1,7 +1,7 @@
 """Convex pieces made from points, and their exact union.
 
 A solid is written down once, as its convex pieces. Its surface is computed from them, so what is seen
-and what is touched cannot differ.
+and what is touched agree.
 """
 
 from __future__ import annotations
