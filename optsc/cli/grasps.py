@@ -118,8 +118,8 @@ def _validate(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_trials import check_options, tried
     from optsc.grasps import GraspLibrary
     from optsc.grasps.storage import load_surface, save_surface
+    from optsc.processes import usable_cores
     from optsc.sampling.library import keep_set
-    from optsc.sim.validation import usable_cores
 
     library = chosen(GraspLibrary.load(options.directory), options.objects)
     check_options(options, library)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from multiprocessing import get_context
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +16,7 @@ from optsc.errors import InvalidValue, Mismatch, SolverFailure
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.grasps import GraspSet
+from optsc.processes import process_pool
 from optsc.robot import PANDA_HAND
 from optsc.sim.grasp_trial import TrialRow, TrialSettings, settled, trial
 from optsc.sim.objects import ObjectModel
@@ -49,11 +47,6 @@ class TrialOutcome(NamedTuple):
         words = np.where(lost, "lost", "slipped")
         words = np.where(bumped, "bumped", words)
         return tuple(np.where(self.lifted, "held", words).tolist())
-
-
-def usable_cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def validate(
@@ -134,11 +127,8 @@ def _mapping(workers: int) -> Iterator[Callable[[Callable[[Pose], Any], list[Pos
     if workers == 1:
         yield map
         return
-    # New processes: a copy of this one could inherit a simulation or a thread in an unknown state.
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
     try:
-        yield partial(pool.map, chunksize=_CHUNK)
+        with process_pool(workers) as pool:
+            yield partial(pool.map, chunksize=_CHUNK)
     except BrokenProcessPool as error:
         raise SolverFailure(f"a process that tried grasps died: {error}") from None
-    finally:
-        pool.shutdown(cancel_futures=True)

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from threading import Thread
 from typing import Any, Protocol, TypeAlias
 
 from optsc.errors import InvalidValue, OptscError
+from optsc.processes import process_pool, usable_cores
 from optsc.study.outcomes import Row, do
 from optsc.study.scenes import Scene
 from optsc.study.sweep.store import RowStore
@@ -151,7 +147,7 @@ def _computed(
     elif executor is not None:
         yield from _submitted(dict(enumerate(jobs)), executor, work, cancel=True)
     else:
-        yield from _pooled(jobs, workers or os.cpu_count() or 1, work)
+        yield from _pooled(jobs, workers or usable_cores(), work)
 
 
 def _guarded(job: RowJob, work: Work) -> list[Row]:
@@ -169,42 +165,11 @@ def _pooled(jobs: list[RowJob], workers: int, work: Work) -> Iterator[list[Row]]
         if not open_:
             return
         try:
-            with _pool(min(workers, len(open_))) as pool:
+            with process_pool(min(workers, len(open_))) as pool:
                 yield from _submitted(open_, pool, work, cancel=False)
         except BrokenExecutor:
             if revival == REVIVALS:
                 raise
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Give a pool whose processes end with this one, however it ends, and at once where the context is left early."""
-    # Started afresh and not forked: libraries here keep threads, which a fork would leave behind.
-    context = get_context("spawn")
-    leash, held = context.Pipe(duplex=False)
-    with (
-        _single_threaded(),
-        leash,
-        held,
-        ProcessPoolExecutor(workers, context, initializer=_end_with, initargs=(leash,)) as pool,
-    ):
-        try:
-            yield pool
-        except BaseException:
-            held.close()
-            raise
-
-
-def _end_with(leash: Connection) -> None:
-    """Let this process end when the other end of ``leash`` closes; an interrupt is the business of who holds it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        # True at the end of the pipe too, and nothing is ever sent.
-        leash.poll(None)
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
 
 
 def _submitted(
@@ -234,22 +199,6 @@ def _submitted(
         if cancel:
             for future in waiting:
                 future.cancel()
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    """Let processes that are started meanwhile use one thread each: there is one for each core."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 @contextmanager
