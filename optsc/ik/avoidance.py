@@ -7,7 +7,6 @@ always free.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,9 +18,9 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.ik.solvers import QpSolver, Rows
 from optsc.kernels.rows import RowSettings
-from optsc.robot.collision import Shape
 from optsc.robot.distances import DistanceModel, DistanceRows
 from optsc.robot.model import RobotModel
+from optsc.robot.obstacles import Obstacles
 
 ACTIVE = 1e-4
 """A row within this rate [m/s] of its bound holds the motion back."""
@@ -86,7 +85,7 @@ class Avoidance:
     def __init__(
         self,
         robot: RobotModel,
-        obstacles: Mapping[str, tuple[Shape, Pose]] | None = None,
+        obstacles: Obstacles | None = None,
         table_height: float | None = 0.0,
         settings: AvoidanceSettings | None = None,
     ) -> None:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import casadi
 import numpy as np
 
-from optsc.geometry.rotation import Array
 from optsc.kernels.capsules import LinkCapsules, capsule_ends
 from optsc.kernels.chain import Chain
 from optsc.kernels.segments import TINY, clip, nearest_shares, nearest_to_box, norm
@@ -67,11 +66,6 @@ def _near(count: int) -> casadi.Function:
         outside = casadi.fmax(casadi.fabs(local) - box[12:15], 0.0)
         flags.append(casadi.dot(outside, outside) < (size[1, k] + horizon) ** 2)
     return casadi.Function("near", [ends, size, box, horizon], [casadi.densify(casadi.horzcat(*flags))])
-
-
-def capsule_sizes(radius: Array, ends: Array) -> Array:
-    """Return radius, and radius and half length (2, C) [m]."""
-    return np.stack([radius, radius + 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)])
 
 
 def _self_clearance(
@@ -165,8 +159,8 @@ def clearance(
     q, horizon, height = casadi.MX.sym("q", chain.n), casadi.MX.sym("horizon"), casadi.MX.sym("height")
     box = casadi.MX.sym("boxes", BOX, boxes)
     placed = capsule_ends(chain, hulls)(q)
-    size = capsule_sizes(hulls.radius, hulls.ends)
-    moving = np.flatnonzero(hulls.joint >= 0).tolist()
+    size = np.stack([hulls.radius, hulls.radius + 0.5 * hulls.length])
+    moving = hulls.moving
     table = horizon
     if over_table:
         lowest = [placed[2 + 3 * end, k] - float(hulls.radius[k]) for k, end in over_table]

@@ -175,7 +175,7 @@ def distance_rows(
     box = casadi.MX.sym("boxes", Box.SIZE, max(boxes, 1))
     placed, axes = _placed_capsules(chain, capsules)(q, low, high)
     shared = [low, high, settings, axes]
-    length = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1)
+    length = capsules.length
     parts = [casadi.MX(HEAD + n, 0)]
     if self_pairs:
         parts.append(_self_rows(rows, capsules.radius, length, self_pairs, placed, shared))
@@ -185,7 +185,7 @@ def distance_rows(
         each = _table_row(rows).map("table_rows", "serial", len(table_ends), [2, 3, 4, 5], [])
         parts.append(each(placed[:, which], casadi.DM(constants.T), *shared))
     if boxes:
-        which = np.flatnonzero(capsules.joint >= 0).tolist()
+        which = capsules.moving
         constants = _box_constants(capsules, length)[:, which]
         with_box = _with_one_box(rows, casadi.DM(constants)).map(
             "boxes", "serial", boxes, [0, 2, 3, 4, 5], []

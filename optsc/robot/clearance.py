@@ -1,47 +1,46 @@
-"""How far an arm is from itself, a table and obstacles: many postures at once, in metres.
+"""Clearance: how far an arm is from itself, a table and obstacles, in metres, many configurations at once.
 
 Links are capsules and obstacles boxes, which hold what they stand for, so a clearance is never more than the distance
-of the bodies themselves. Hence it also tells which postures touch nothing for certain, at a fraction of the cost of
-comparing the bodies (`optsc.robot.collision`).
+of the bodies themselves. Hence it also tells which configurations touch nothing for certain, at a fraction of the
+cost of comparing the bodies (`optsc.robot.collision`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from optsc.geometry import Pose, TriangleMesh
+from optsc.geometry import TriangleMesh
 from optsc.geometry.rotation import Array
 from optsc.kernels.capsules import LinkCapsules, capsule_ends
 from optsc.kernels.clearance import BOX, between_capsules, clearance
 from optsc.kernels.kernel import BatchKernel, build_batch_kernel
-from optsc.robot.boxes import boxes_of
 from optsc.robot.capsules import link_capsules
 from optsc.robot.model import RobotModel
+from optsc.robot.obstacles import Boxes, Obstacles, box_slots, boxes_of, convex_parts
 
 HORIZON = 0.2
 """Clearances count up to this [m]: what is further away is not in the way."""
 SAFE = 1e-5
 """Bodies whose capsules are further apart than this [m] do not touch, whatever the rounding."""
-BOXES = 4
+BOXES_PER_OBSTACLE = 4
 """How many boxes an obstacle is made of at most."""
-LOOP = 8
-"""Postures in one compiled loop."""
+PER_LOOP = 8
+"""Configurations in one compiled loop."""
 SAMPLES = 400
-"""Random postures that tell which distances within the arm change."""
+"""Random configurations that tell which distances within the arm change."""
 TRAVEL = 0.02
-"""A distance within the arm that changes by less than this [m] over all postures says nothing of a posture."""
+"""A distance within the arm that changes by less than this [m] over all samples says nothing of a configuration."""
 LEVEL = 0.01
-"""An end of a capsule whose height changes by less than this [m] over all postures is level, as at a shoulder."""
+"""An end of a capsule whose height changes by less than this [m] over all samples is level, as at a shoulder."""
 CLOSE = 0.05
 """Links whose capsules are nearer than this [m] at home are built together: only the exact check knows them."""
 FAR_AWAY = 1e3
 """Where boxes stand that are not there [m]."""
 
-Shape: TypeAlias = TriangleMesh | Sequence[TriangleMesh]
 LinkPairs: TypeAlias = tuple[tuple[str, str], ...]
 
 
@@ -49,7 +48,7 @@ class SelfPairs(NamedTuple):
     """Pairs of an arm's capsules, by number.
 
     Attributes:
-        telling: pairs whose distance says something about a posture.
+        telling: pairs whose distance says something about a configuration.
         close: pairs that are close to each other, or always at about the same distance.
         touching: pairs of links that some capsules of overlap at home: only the exact check can tell.
     """
@@ -60,7 +59,7 @@ class SelfPairs(NamedTuple):
 
 
 class Clearances(NamedTuple):
-    """Clearances of N postures [m], none above the horizon that was asked for.
+    """Clearances of N configurations [m], none above the horizon that was asked for.
 
     Attributes:
         own: (N,) to itself, but for links that are built close together.
@@ -73,15 +72,20 @@ class Clearances(NamedTuple):
     world: Array
 
 
+def linked_pairs(capsules: LinkCapsules, linked: LinkPairs) -> list[tuple[int, int]]:
+    """Return the pairs of capsules of the pairs of links that are ``linked``, by number."""
+    wanted, names = {frozenset(pair) for pair in linked}, capsules.link
+    count = len(names)
+    return [
+        (a, b) for a in range(count) for b in range(a + 1, count) if frozenset((names[a], names[b])) in wanted
+    ]
+
+
 @lru_cache(maxsize=16)
 def self_pairs(robot: RobotModel, linked: LinkPairs) -> SelfPairs:
     """Return the pairs of capsules of the pairs of links that are ``linked``."""
     capsules = link_capsules(robot)
-    wanted = {frozenset(pair) for pair in linked}
-    names, count = capsules.link, len(capsules.link)
-    pairs = [
-        (a, b) for a in range(count) for b in range(a + 1, count) if frozenset((names[a], names[b])) in wanted
-    ]
+    pairs, names = linked_pairs(capsules, linked), capsules.link
     if not pairs:
         return SelfPairs((), (), ())
     distance = _sampled(robot, capsules, pairs)
@@ -105,7 +109,7 @@ def level(robot: RobotModel) -> tuple[int, ...]:
 def level_ends(robot: RobotModel) -> np.ndarray:
     """Return which ends (C, 2) of the hulls' capsules move but hardly change their height, as at a shoulder.
 
-    Their distance from a table is the same in every posture, so it says nothing of any.
+    Their distance from a table is the same in every configuration, so it says nothing of any.
     """
     least, most = _heights(robot)
     still = (most - least < LEVEL) & (link_capsules(robot, True).joint >= 0)[:, None]
@@ -114,29 +118,28 @@ def level_ends(robot: RobotModel) -> np.ndarray:
 
 
 def _heights(robot: RobotModel) -> tuple[Array, Array]:
-    """Return the least and the greatest height (C, 2) of the ends of the hulls' capsules over sampled postures [m]."""
-    ends = (
-        capsule_ends(robot.chain, link_capsules(robot, True)).map(SAMPLES)(_samples(robot)[:SAMPLES].T).full()
-    )
+    """Return the least and the greatest height (C, 2) of the ends of the hulls' capsules over samples [m]."""
+    q = sampled_configurations(robot)[:SAMPLES].T
+    ends = capsule_ends(robot.chain, link_capsules(robot, True)).map(SAMPLES)(q).full()
     height = ends[[2, 5]].reshape(2, SAMPLES, -1)
     return height.min(axis=1).T, height.max(axis=1).T
 
 
 def ends_over_table(robot: RobotModel) -> list[tuple[int, int]]:
-    """Return the ends of capsules, by numbers of capsule and end, whose distance from a table tells of a posture."""
+    """Return the ends of capsules, by numbers of capsule and end, whose distance from a table says something."""
     hulls = link_capsules(robot, True)
     telling = ~level_ends(robot) & (hulls.joint >= 0)[:, None]
     return [(int(k), int(end)) for k, end in np.argwhere(telling)]
 
 
-def _samples(robot: RobotModel) -> Array:
-    """Return home and random postures (1 + `SAMPLES`, n)."""
+def sampled_configurations(robot: RobotModel) -> Array:
+    """Return home and random configurations (1 + `SAMPLES`, n)."""
     return np.vstack([robot.home, robot.random_configuration(np.random.default_rng(0), (SAMPLES,))])
 
 
 def _sampled(robot: RobotModel, capsules: LinkCapsules, pairs: Sequence[tuple[int, int]]) -> Array:
-    """Return the distances (1 + `SAMPLES`, P) of pairs of capsules at home and at random postures [m]."""
-    q = _samples(robot)
+    """Return the distances (1 + `SAMPLES`, P) of pairs of capsules over all samples [m]."""
+    q = sampled_configurations(robot)
     ends = capsule_ends(robot.chain, capsules).map(len(q))(q.T).full().reshape(6, len(q), -1)
     first, second = [a for a, _ in pairs], [b for _, b in pairs]
     radii = np.tile(capsules.radius[first] + capsules.radius[second], len(q))
@@ -150,12 +153,12 @@ def _kernel(robot: RobotModel, linked: LinkPairs, slots: int) -> BatchKernel:
     pairs, hulls = self_pairs(robot, linked), link_capsules(robot, True)
     over = ends_over_table(robot)
     function = clearance(robot.chain, link_capsules(robot), hulls, pairs.telling, pairs.close, over, slots)
-    return build_batch_kernel(function, LOOP, shared=3)
+    return build_batch_kernel(function, PER_LOOP, shared=3)
 
 
 @lru_cache(maxsize=64)
-def _boxes(parts: tuple[TriangleMesh, ...], name: str) -> tuple[Array, Array, Array]:
-    return boxes_of(parts, BOXES, name)
+def _boxes(parts: tuple[TriangleMesh, ...], name: str) -> Boxes:
+    return boxes_of(parts, BOXES_PER_OBSTACLE, name)
 
 
 class ClearanceScene:
@@ -175,19 +178,17 @@ class ClearanceScene:
         self,
         robot: RobotModel,
         linked: LinkPairs,
-        obstacles: Mapping[str, tuple[Shape, Pose]],
+        obstacles: Obstacles,
         table_height: float | None,
     ) -> None:
         columns, owner = [np.zeros((BOX, 0))], []
         for name, (shape, X_WO) in obstacles.items():
-            parts = (shape,) if isinstance(shape, TriangleMesh) else tuple(shape)
-            R, centre, half = _boxes(parts, name)
+            R, centre, half = _boxes(convex_parts(shape), name)
             turned = X_WO.rotation_matrix() @ R
             flat = np.swapaxes(turned, 1, 2).reshape(-1, 9)
             columns.append(np.concatenate([flat, X_WO.apply(centre), half], axis=1).T)
             owner += [name] * len(half)
-        # Sizes in steps, so that few functions are built for many scenes.
-        slots = max(4, 1 << max(len(owner) - 1, 0).bit_length())
+        slots = box_slots(len(owner))
         nowhere = np.concatenate([np.eye(3).ravel(), np.full(3, FAR_AWAY), np.zeros(3)])
         self._box = np.tile(nowhere[:, None], slots)
         self._box[:, : len(owner)] = np.concatenate(columns, axis=1)
@@ -196,13 +197,13 @@ class ClearanceScene:
         self._height = -FAR_AWAY if table_height is None else table_height
         self._kernel = _kernel(robot, linked, slots)
         self.tells_of_itself = not self_pairs(robot, linked).touching
-        """Whether postures in which no capsules touch each other can be told; not where some always do."""
+        """Whether configurations in which no capsules touch each other can be told; not where some always do."""
 
     def level_ends_clear(self, margin: float) -> bool:
         """Tell whether the level ends of capsules that are not level themselves are above the table by a margin [m]."""
         hulls, ends = link_capsules(self._robot, True), level_ends(self._robot)
         least, most = _heights(self._robot)
-        # What the samples did not show is taken for as much again as they did.
+        # What the samples did not show is assumed to be as much again as they did.
         height = least - (most - least) - hulls.radius[:, None] - self._height
         return bool(np.all(height[ends & ~ends.all(axis=1, keepdims=True)] > margin + SAFE))
 
@@ -214,12 +215,12 @@ class ClearanceScene:
     def measure(
         self, q: Array, hand_may_touch: np.ndarray | None = None, horizon: float = HORIZON
     ) -> Clearances:
-        """Return the clearances of postures ``q`` (N, n).
+        """Return the clearances of configurations ``q`` (N, n).
 
         Args:
             q: finite [rad].
-            hand_may_touch: (N,) name of the obstacle that the hand may touch at each posture; "" for none.
-            horizon: what is further away than this [m] is not looked at.
+            hand_may_touch: (N,) name of the obstacle that the hand may touch at each configuration; "" for none.
+            horizon: what is further away than this [m] is not examined.
         """
         (found,) = self._kernel(q, shared=(horizon, self._height, self._box))
         slots = len(self._owner)

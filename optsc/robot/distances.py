@@ -7,28 +7,32 @@ for, so distances are never overestimated. Everything is worked out in one call 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue, UnknownName
-from optsc.geometry import Pose, TriangleMesh
+from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.kernels.capsules import LinkCapsules
 from optsc.kernels.distances import SelfPair, TableEnd, distance_rows
 from optsc.kernels.kernel import Kernel, build_kernel
 from optsc.kernels.rows import HEAD, Box
-from optsc.robot.boxes import boxes_of
 from optsc.robot.capsules import link_capsules
-from optsc.robot.collision import TABLE, CollisionModel, Shape
+from optsc.robot.clearance import TRAVEL, linked_pairs, sampled_configurations
+from optsc.robot.collision import CollisionModel
 from optsc.robot.model import RobotModel
+from optsc.robot.obstacles import (
+    TABLE,
+    Boxes,
+    Obstacles,
+    box_slots,
+    boxes_of,
+    checked_obstacles,
+    convex_parts,
+)
 
-SAMPLES = 400
-"""Random postures that tell which distances change at all."""
-TRAVEL = 0.02
-"""A distance within the robot that changes by less than this [m] over all postures is no matter of control."""
 SPARE_AT_HOME = 0.5
 """Share of a distance at home that a margin may take up, where links are built close together."""
 ROUND = 1e-3
@@ -39,7 +43,7 @@ ABSENT = 1e6
 """Distances above this [m] stand for boxes that are not there, or that the hand may touch."""
 
 
-class Pair(NamedTuple):
+class BodyPair(NamedTuple):
     """Two bodies that are kept apart: a link, and another link, the table or an obstacle."""
 
     link: str
@@ -54,7 +58,7 @@ class DistanceRows(NamedTuple):
         distance: (m,) [m]; negative where bodies overlap.
         lower: (m,) the rate [m/s] that each distance must not fall faster than; what an obstacle's own motion does
             to it is taken off.
-        gradient: (m, n) of the distances in the posture [m/rad].
+        gradient: (m, n) of the distances in the configuration [m/rad].
         need: (m,) how far [m/s] the worst joint velocity of this tick would fall below `lower`; negative.
     """
 
@@ -88,26 +92,20 @@ class DistanceModel:
     def __init__(
         self,
         robot: RobotModel,
-        obstacles: Mapping[str, tuple[Shape, Pose]] | None = None,
+        obstacles: Obstacles | None = None,
         table_height: float | None = 0.0,
         margin: float = 0.01,
         boxes: int = 4,
     ) -> None:
-        if not 0.0 <= margin < 1.0:
-            raise InvalidValue("collision margin", margin, "0 to 1 m")
-        obstacles = dict(obstacles or {})
-        if TABLE in obstacles:
-            raise InvalidValue("obstacle name", TABLE, "any name but that of the table")
+        obstacles = checked_obstacles(obstacles, margin)
         self.robot, self.capsules = robot, link_capsules(robot)
-        self._parts: dict[str, tuple[slice, Array, Array, Array]] = {}
+        self._parts: dict[str, tuple[slice, Boxes]] = {}
         count = 0
         for name, (shape, _) in obstacles.items():
-            meshes = (shape,) if isinstance(shape, TriangleMesh) else tuple(shape)
-            R, centre, half = boxes_of(meshes, boxes, name)
-            self._parts[name] = (slice(count, count + len(half)), R, centre, half)
-            count += len(half)
-        # Sizes in steps, so that few functions are built for many scenes.
-        self._slots = 0 if count == 0 else max(4, 1 << (count - 1).bit_length())
+            around = boxes_of(convex_parts(shape), boxes, name)
+            self._parts[name] = (slice(count, count + len(around.half)), around)
+            count += len(around.half)
+        self._slots = 0 if count == 0 else box_slots(count)
         self_pairs, table_ends = _relevant(robot, self.capsules, table_height, margin)
         self._lay_out(self_pairs, table_ends)
         self._kernel = build_kernel(
@@ -123,16 +121,19 @@ class DistanceModel:
 
     def _lay_out(self, self_pairs: list[SelfPair], table_ends: list[TableEnd]) -> None:
         link = self.capsules.link
-        pairs = [Pair(link[a], link[b]) for a, b, _ in self_pairs]
-        pairs += [Pair(link[a], TABLE) for a, _, _ in table_ends]
+        pairs = [BodyPair(link[a], link[b]) for a, b, _ in self_pairs]
+        pairs += [BodyPair(link[a], TABLE) for a, _, _ in table_ends]
         owner = [""] * self._slots
         for name, (where, *_) in self._parts.items():
             owner[where] = [name] * (where.stop - where.start)
-        moving = np.flatnonzero(self.capsules.joint >= 0).tolist()
-        self.pairs: tuple[Pair, ...] = (*pairs, *(Pair(link[a], name) for name in owner for a in moving))
+        moving = self.capsules.moving
+        self.pairs: tuple[BodyPair, ...] = (
+            *pairs,
+            *(BodyPair(link[a], name) for name in owner for a in moving),
+        )
         """The two bodies of every row there can be; links of several capsules appear several times."""
 
-    def _slot(self, name: str) -> tuple[slice, Array, Array, Array]:
+    def _slot(self, name: str) -> tuple[slice, Boxes]:
         if name not in self._parts:
             raise UnknownName("obstacle", name, self._parts)
         return self._parts[name]
@@ -144,7 +145,7 @@ class DistanceModel:
             UnknownName: no such obstacle.
             InvalidValue: a twist that is not six finite numbers.
         """
-        where, R, centre, half = self._slot(name)
+        where, (R, centre, half) = self._slot(name)
         R_WO = X_WO.rotation_matrix()
         turned = R_WO @ R
         offset = centre @ R_WO.T
@@ -170,7 +171,7 @@ class DistanceModel:
         """Return the rows that can matter at this tick, at most ``most`` of them, those in greatest need.
 
         A pair is left out only where no velocity between ``lowest`` and ``highest`` (n,) brings it below its bound:
-        what is left out does not change the solution, so rows may come and go without a trace in the motion.
+        what is left out does not change the solution, so rows may come and go without an effect on the motion.
         """
         self._q[:], self._low[:], self._high[:] = q, lowest, highest
         self._kernel.run()
@@ -182,7 +183,7 @@ class DistanceModel:
         return DistanceRows(index, found[:, 2], found[:, 1], found[:, HEAD:], found[:, 0])
 
     def distances(self, q: ArrayLike) -> tuple[Array, Array]:
-        """Return the distances (P,) [m] of all `pairs` at a posture (n,), and their gradients (P, n).
+        """Return the distances (P,) [m] of all `pairs` at a configuration (n,), and their gradients (P, n).
 
         A distance is infinite where there is no box, or one that the hand may touch.
         """
@@ -198,22 +199,14 @@ def _relevant(
     robot: RobotModel, capsules: LinkCapsules, table_height: float | None, margin: float
 ) -> tuple[list[SelfPair], list[TableEnd]]:
     """Return the pairs of capsules, and the ends of capsules over the table, that are kept apart."""
-    linked = {frozenset(pair) for pair in CollisionModel(robot).self_pairs}
-    count, link = len(capsules.link), capsules.link
-    pairs = [
-        SelfPair(a, b, 0.0)
-        for a in range(count)
-        for b in range(a + 1, count)
-        if frozenset((link[a], link[b])) in linked
-    ]
-    moving = np.flatnonzero(capsules.joint >= 0).tolist() if table_height is not None else []
-    long = np.linalg.norm(capsules.ends[:, 1] - capsules.ends[:, 0], axis=1) > ROUND
+    pairs = [SelfPair(a, b, 0.0) for a, b in linked_pairs(capsules, CollisionModel(robot).self_pairs)]
+    moving = capsules.moving if table_height is not None else []
+    long = capsules.length > ROUND
     ends = [TableEnd(c, e, 0.0) for c in moving for e in ((0, 1) if long[c] else (0,))]
     kernel = build_kernel(distance_rows(robot.chain, robot.limits.rates, capsules, pairs, ends, 0))
     kernel.inputs[1][:], kernel.inputs[2][:] = -EVERYTHING, EVERYTHING
     kernel.inputs[3][:] = 0.0, table_height or 0.0, 1.0, 1.0, 0.1, 0.1
-    postures = [robot.home, *robot.random_configuration(np.random.default_rng(0), (SAMPLES,))]
-    distance = np.array([_distances_at(kernel, q) for q in postures])
+    distance = np.array([_distances_at(kernel, q) for q in sampled_configurations(robot)])
     keeps = np.minimum(margin, SPARE_AT_HOME * distance[0])
     kept = (distance[0] > 0.0) & (np.ptp(distance, axis=0) > TRAVEL)
     of_pairs, of_ends = np.split(np.arange(len(kept)), [len(pairs)])

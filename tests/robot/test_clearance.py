@@ -153,8 +153,10 @@ def test_a_clearance_is_never_more_than_the_distance_of_the_bodies(name):
     tight = 0
     for q in postures(name, 25, seed=5):
         found = scene.capsules.measure(q[None])
-        full = arm._full_postures(q[None], None)[0]
-        pinocchio.updateGeometryPlacements(arm._model, arm._model.createData(), scene._geometry, data, full)
+        full = arm.shapes.configurations(q[None])[0]
+        pinocchio.updateGeometryPlacements(
+            arm.shapes.model, arm.shapes.model.createData(), scene._geometry, data, full
+        )
         truth = HORIZON
         for pair, reason in zip(scene._geometry.collisionPairs, scene._checker.reasons, strict=False):
             if reason.endswith("touches table") and reason.split()[0] in turning:

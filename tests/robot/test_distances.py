@@ -11,10 +11,11 @@ from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.kernels.distances import BLEND
 from optsc.robot import ROBOT_NAMES, load_robot
-from optsc.robot.boxes import boxes_of
-from optsc.robot.capsules import distance_to_segment, link_capsules
+from optsc.robot.capsule_fit import distance_to_segment
+from optsc.robot.capsules import link_capsules
 from optsc.robot.collision import CollisionModel
 from optsc.robot.distances import DistanceModel
+from optsc.robot.obstacles import boxes_of
 
 
 def cuboid(x, y, z):
