@@ -27,13 +27,13 @@ ROBOT = SimpleNamespace(n=JOINTS, name="a plain stand-in")
 
 
 def solve_all(X_WT, seeds):
-    """Reach every pose; the posture depends on the pose alone, and slightly on the seed."""
-    postures = np.concatenate([X_WT.translation, X_WT.quaternion], axis=1)
-    return postures + 0.01 * np.asarray(seeds), np.ones(len(postures), dtype=bool)
+    """Reach every pose; the configuration depends on the pose alone, and slightly on the seed."""
+    q = np.concatenate([X_WT.translation, X_WT.quaternion], axis=1)
+    return q + 0.01 * np.asarray(seeds), np.ones(len(q), dtype=bool)
 
 
 class SmoothMeasure:
-    """Some number in (0, 1) that depends on the posture in no simple way."""
+    """Some number in (0, 1) that depends on the configuration in no simple way."""
 
     def evaluate(self, robot, q):
         return 0.5 + 0.5 * np.sin(np.sum(np.asarray(q) * np.arange(1, JOINTS + 1) * 3.7, axis=-1))

@@ -86,7 +86,7 @@ def test_the_first_ranking_with_hysteresis_is_that_without():
         )
 
 
-def test_a_resting_ranking_is_made_anew_when_the_scene_or_the_table_changed():
+def test_a_resting_ranking_is_made_again_when_the_scene_or_the_table_changed():
     rng = np.random.default_rng(3)
     q, X = np.zeros(JOINTS), random_hand(rng)
     one = selector(hysteresis=ZONE)
@@ -109,7 +109,7 @@ def test_a_vetoed_grasp_is_not_chosen_and_the_ranking_says_why():
     after = one.rank(X, q)
     assert after.rejected_by[order[0]] == "vetoed"
     assert "vetoed" in after.explain(order[0])
-    # With one fewer, a cascade lets one more into each stage: only the vetoed one is known to be gone.
+    # With one fewer, a cascade lets one more into each stage: only the vetoed one is known to be left out.
     assert order[0] not in list(after.of(name))
     assert {other: after.chosen[other] for other in after.chosen if other != name} == {
         other: before.chosen[other] for other in before.chosen if other != name
@@ -138,7 +138,7 @@ def test_a_dead_zone_that_makes_no_sense_is_refused(setting, value):
         Hysteresis(**{setting: value})
 
 
-def test_an_arm_with_other_joints_starts_anew():
+def test_an_arm_with_other_joints_starts_again():
     X = Pose.from_translation([0.0, 0.0, 0.0])
     last = viewpoint(X, np.zeros(6))
     new = viewpoint(X, np.zeros(7))

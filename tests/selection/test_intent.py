@@ -24,9 +24,9 @@ def goals_at(*places, quaternions=None, names=None):
     return Goals(names, index, index, p, q, index, np.ones(count))
 
 
-def go(settings, goals, belief, way, q=FORWARD):
-    """Let the hand move the tool along a way (T, 3)."""
-    for x, y in pairwise(way):
+def go(settings, goals, belief, path, q=FORWARD):
+    """Let the hand move the tool along a path (T, 3)."""
+    for x, y in pairwise(path):
         before, after = cost_to_go(settings, goals, x, q), cost_to_go(settings, goals, y, q)
         belief = updated(settings, belief, wasted(settings, before, after, np.linalg.norm(y - x), 0.0))
     return belief
@@ -68,7 +68,7 @@ def test_the_nearest_grasp_of_an_object_counts():
     assert here.value[0] == pytest.approx(float(expected))
 
 
-def test_nothing_is_wasted_on_the_straight_way_far_from_the_goal_and_twice_the_way_on_the_opposite():
+def test_nothing_is_wasted_on_the_straight_path_far_from_the_goal_and_twice_the_path_on_the_opposite():
     goals = goals_at([0.5, 0, 0], [-0.5, 0, 0])
     x, y = np.zeros(3), np.array([0.1, 0, 0])
     before, after = (cost_to_go(SETTINGS, goals, p, FORWARD) for p in (x, y))
@@ -88,7 +88,7 @@ def test_no_motion_wastes_less_than_nothing():
 
 
 def test_a_hand_computed_posterior():
-    # The way of 10 cm straight to a wastes 0.49 on b, which is opposite: odds e^0.49 to 1.
+    # The path of 10 cm straight to a wastes 0.49 on b, which is opposite: odds e^0.49 to 1.
     goals = goals_at([0.5, 0, 0], [-0.5, 0, 0])
     belief = go(PLAIN, goals, Belief.even(("a", "b")), np.array([[0, 0, 0], [0.1, 0, 0]], dtype=float))
     assert belief.probability[0] == pytest.approx(1 / (1 + np.exp(-0.49)))
@@ -96,15 +96,15 @@ def test_a_hand_computed_posterior():
     assert belief.gap == pytest.approx(np.tanh(0.245))
 
 
-def test_many_steps_telescope_to_what_they_cost_less_what_the_way_gained():
+def test_many_steps_telescope_to_what_they_cost_less_what_the_path_gained():
     rng = np.random.default_rng(1)
     goals = goals_at([0.4, 0.1, 0], [0.1, 0.4, 0], [-0.3, 0.2, 0.1])
-    way = np.cumsum(rng.normal(0.01, 0.01, (30, 3)), axis=0)
-    belief = go(PLAIN, goals, Belief.even(goals.names), way)
-    ends = [cost_to_go(PLAIN, goals, way[i], FORWARD) for i in (0, -1)]
+    path = np.cumsum(rng.normal(0.01, 0.01, (30, 3)), axis=0)
+    belief = go(PLAIN, goals, Belief.even(goals.names), path)
+    ends = [cost_to_go(PLAIN, goals, path[i], FORWARD) for i in (0, -1)]
     cost = sum(
         PLAIN.translation.derivative(cost_to_go(PLAIN, goals, x, FORWARD).distance) * np.linalg.norm(y - x)
-        for x, y in pairwise(way)
+        for x, y in pairwise(path)
     )
     log_b = -(cost + ends[1].value - ends[0].value)
     expected = np.exp(log_b - log_b.max())
@@ -164,10 +164,10 @@ def test_the_belief_does_not_depend_on_the_world_frame():
     rng = np.random.default_rng(2)
     places, q = rng.uniform(-0.4, 0.4, (3, 3)), rotation.random(rng, (3,))
     R, shift = rotation.random(rng), rng.normal(size=3)
-    way = np.cumsum(rng.normal(0.01, 0.01, (10, 3)), axis=0)
-    here = go(SETTINGS, goals_at(*places, quaternions=q), Belief.even(tuple("abc")), way)
+    path = np.cumsum(rng.normal(0.01, 0.01, (10, 3)), axis=0)
+    here = go(SETTINGS, goals_at(*places, quaternions=q), Belief.even(tuple("abc")), path)
     moved = goals_at(*(rotation.rotate(R, places) + shift), quaternions=rotation.multiply(R, q))
-    there = go(SETTINGS, moved, Belief.even(tuple("abc")), rotation.rotate(R, way) + shift, q=R)
+    there = go(SETTINGS, moved, Belief.even(tuple("abc")), rotation.rotate(R, path) + shift, q=R)
     np.testing.assert_allclose(here.probability, there.probability, rtol=1e-9)
 
 

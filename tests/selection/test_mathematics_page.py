@@ -34,7 +34,7 @@ def test_the_page_shows_the_numbers_that_are_used():
     assert (STEP_TOLERANCE, END_TOLERANCE) == (1e-3, 1e-5)
     assert "below 10⁻³ (10⁻⁵ at the end)" in text
     assert WORST_SPEED == 2.0
-    assert "; 2 where the way cannot be gone" in text
+    assert "; 2 where the path cannot be completed" in text
     assert (TO_PREGRASP, TO_GRASP) == (6, 2)
 
 

@@ -37,7 +37,7 @@ def angular_distance(q_ee, q_i):
 
 
 def usable_poses(table, i):
-    """The orientations under which grasp i can be carried out, with their manipulability."""
+    """The orientations under which grasp i can be reached, with their manipulability."""
     q = tuple(table.candidates.X_WG.quaternion[i].tolist())
     poses = [q, half_turned(q)] if table.candidates.jaw_symmetric else [q]
     return [

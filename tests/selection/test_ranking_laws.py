@@ -364,7 +364,9 @@ def test_the_place_in_an_explanation_is_the_place_in_the_sorted_costs():
         (Pose.identity(), None, "shape"),
     ],
 )
-def test_a_pose_or_posture_that_cannot_be_used_gives_the_previous_ranking_with_the_reason(hand, q, words):
+def test_a_pose_or_configuration_that_cannot_be_used_gives_the_previous_ranking_with_the_reason(
+    hand, q, words
+):
     rng = np.random.default_rng(23)
     selector = GraspSelector(ROBOT, None, SmoothMeasure(), solve=solve_all)
     selector.use(table_of(random_candidates(rng, (10,))))
@@ -408,5 +410,5 @@ def test_a_ranking_stays_what_it_was_when_the_selector_goes_on():
     selector.rank(hands[0], Q + 1.0, refresh_limit=50)
     for hand, ranking in zip(hands, rankings, strict=True):
         again = ranking.explain(), ranking.order.tolist()
-        fresh = rank(ranking.decision.situation.grid.table, hand)
-        assert again == (fresh.explain(), fresh.order.tolist())
+        other = rank(ranking.decision.situation.grid.table, hand)
+        assert again == (other.explain(), other.order.tolist())

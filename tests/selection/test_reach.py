@@ -22,7 +22,7 @@ Q = np.linspace(-1.0, 1.0, JOINTS)
 
 
 class Recorder:
-    """Solves like `solve_all`, remembers what it was asked, and fails where told."""
+    """Solves like `solve_all`, remembers what it was asked, and fails where asked to."""
 
     def __init__(self, fails=lambda X_WT: np.zeros(len(X_WT), dtype=bool)):
         self.calls, self.fails = [], fails
@@ -33,7 +33,7 @@ class Recorder:
         return q, success & ~self.fails(X_WT), np.zeros(len(q))
 
 
-def test_the_pre_grasp_is_solved_from_the_present_posture_and_the_grasp_from_the_pre_grasp():
+def test_the_pre_grasp_is_solved_from_the_present_configuration_and_the_grasp_from_the_pre_grasp():
     candidates = random_candidates(np.random.default_rng(41), (6,))
     solve = Recorder()
     table = table_of(candidates, Q, solve=solve)
@@ -103,10 +103,10 @@ def test_refreshing_rows_gives_what_solving_all_from_there_would_have_given_for_
     old, new = table_of(candidates), table_of(candidates, Q)
     rows = np.array([3, 8, 19])
     mixed = refresh(old, rows, Q, robot=ROBOT, solve=solve_all, manipulability=SmoothMeasure())
-    fresh = np.isin(np.arange(20), rows).reshape(10, 2)
+    solved = np.isin(np.arange(20), rows).reshape(10, 2)
     for name in ("q_grasp", "q_pregrasp", "status", "manipulability", "seed"):
         a, b, c = getattr(old, name), getattr(new, name), getattr(mixed, name)
-        keep = fresh.reshape(10, 2, *(1,) * (a.ndim - 2))
+        keep = solved.reshape(10, 2, *(1,) * (a.ndim - 2))
         assert np.array_equal(c, np.where(keep, b, a))
     assert not np.array_equal(old.manipulability, mixed.manipulability)
 
@@ -143,22 +143,22 @@ def selector_at(q, counts=(60, 60), **settings):
     return selector
 
 
-def test_the_finalists_are_judged_by_the_posture_driven_to_from_the_present_one():
+def test_the_finalists_are_judged_by_the_configuration_driven_to_from_the_present_one():
     hand = random_hand(np.random.default_rng(50))
     selector = selector_at(np.zeros(JOINTS))
     ranking = selector.rank(hand, 20 * Q, refresh_limit=100)
     assert not ranking.stale
-    fresh = table_of(selector.candidates, 20 * Q)
+    expected = table_of(selector.candidates, 20 * Q)
     final = np.isin(ranking.rejected_by, ["", "manipulability stage"])
     twin = ranking.decision.situation.grid.layout.gather(ranking.decision.situation.turned).astype(int)
     rows = np.flatnonzero(final), twin[final]
     assert final.sum() == 12
-    assert np.array_equal(selector.table.manipulability[rows], fresh.manipulability[rows])
+    assert np.array_equal(selector.table.manipulability[rows], expected.manipulability[rows])
     for name in ranking.object_names:
         target = ranking.target(name)
         of_object = [i for i in np.flatnonzero(final) if i in ranking.of(name)]
-        assert target.manipulability == max(fresh.manipulability[i, twin[i]] for i in of_object)
-        assert np.array_equal(target.q, fresh.q_grasp[target.candidate, int(target.half_turn)])
+        assert target.manipulability == max(expected.manipulability[i, twin[i]] for i in of_object)
+        assert np.array_equal(target.q, expected.q_grasp[target.candidate, int(target.half_turn)])
 
 
 def test_a_call_solves_no_more_rows_than_its_limit_and_the_next_calls_catch_up():
@@ -184,7 +184,7 @@ def test_within_the_refresh_angle_nothing_is_solved_again():
     assert len(solve.calls) == 2
 
 
-def test_costs_of_the_posture_follow_the_rows_that_were_solved_again():
+def test_costs_of_the_configuration_follow_the_rows_that_were_solved_again():
     rng = np.random.default_rng(55)
     rule = WeightedSum(((JointTravel(), 1.0),))
     selector = GraspSelector(ROBOT, rule, SmoothMeasure(), solve=solve_all)

@@ -65,7 +65,7 @@ def observed():
     return robot, scene, selector, table
 
 
-def test_the_postures_of_the_table_hold_the_tool_at_the_grasps_and_pre_grasps():
+def test_the_configurations_of_the_table_hold_the_tool_at_grasps_and_pre_grasps():
     robot, _, _, table = observed()
     reached = table.admissible
     assert 20 < reached.sum() < reached.size
@@ -105,7 +105,7 @@ def test_what_is_chosen_is_clear_of_everything_but_the_object_it_grasps():
             assert closed.reason[0].endswith(f"finger touches {name}")
 
 
-def test_the_ranking_of_a_moving_arm_is_judged_by_the_postures_it_would_be_driven_to():
+def test_the_ranking_of_a_moving_arm_is_judged_by_the_configurations_it_would_be_driven_to():
     robot, scene, _, table = observed()
     selector = GraspSelector(robot, solve=lambda X_WT, seeds: solve_ik(robot, X_WT, seeds=seeds))
     selector.use(table, clear=GraspClearance(scene))

@@ -133,11 +133,11 @@ def test_the_clearance_is_that_of_grasp_and_pre_grasp_without_the_grasped_object
         )
 
 
-def test_predicted_motion_is_the_way_rolled_out_one_row_at_a_time():
+def test_predicted_motion_is_the_path_rolled_out_one_row_at_a_time():
     robot, _ = arm()
     _, table = observed()
     start, scene = robot.forward(robot.home), clearance_at(PLACES).scene.capsules
-    gone = 0
+    completed = 0
     for i, t in np.argwhere(table.admissible)[::9]:
         X_WP, X_WG = table.X_WP[i, t][None], table.X_WG[i, t][None]
         settings = {"speed": 0.1, "angular_speed": 0.5}
@@ -148,7 +148,7 @@ def test_predicted_motion_is_the_way_rolled_out_one_row_at_a_time():
             assert found[columns.PATH_SPEED] == columns.WORST_SPEED
             assert found[columns.PATH_MANIPULABILITY] == 0.0
             continue
-        gone += 1
+        completed += 1
         assert found[columns.PATH_SPEED] == pytest.approx(max(first.speed[0], last.speed[0]), rel=1e-9)
         path = np.vstack([first.configurations[0, : first.steps[0]], last.configurations[0, : last.steps[0]]])
         M = Manipulability().evaluate(robot, path)
@@ -161,10 +161,10 @@ def test_predicted_motion_is_the_way_rolled_out_one_row_at_a_time():
         every = scene.measure(path, touch)
         least = max(np.minimum(every.own, every.world).min(), columns.OVERLAP)
         assert least - 1e-12 <= found[columns.PATH_CLEARANCE] <= least + 0.05
-    assert gone >= 3
+    assert completed >= 3
 
 
-def test_the_length_of_the_way_leads_by_the_pre_grasp():
+def test_the_length_of_the_path_goes_by_the_pre_grasp():
     _, table = observed()
     hand = random_hand(np.random.default_rng(70))
     situation = situate(Grid(table), hand.quaternion, hand.translation, np.zeros(7))
@@ -187,18 +187,18 @@ def test_enough_clearance_costs_nothing_and_more_is_worth_nothing():
             cost_type(0.5)
 
 
-def test_refreshed_rows_are_measured_from_the_new_posture():
+def test_refreshed_rows_are_measured_from_the_new_configuration():
     robot, _ = arm()
     selector = GraspSelector(robot, EVERYTHING)
     clear = clearance_at(PLACES)
     old = selector.observe(grasps(PLACES), robot.home, clear=clear)
     q = robot.home + 0.2
     assert selector.refresh_oldest(q, 10) == 10
-    fresh = GraspSelector(robot, EVERYTHING).observe(grasps(PLACES), q, clear=clear)
+    expected = GraspSelector(robot, EVERYTHING).observe(grasps(PLACES), q, clear=clear)
     again = np.any(selector.table.seed != old.seed, axis=2)
     assert again.sum() == 10
     for name, values in selector.table.columns.items():
-        assert np.array_equal(values, np.where(again, fresh.columns[name], old.columns[name]))
+        assert np.array_equal(values, np.where(again, expected.columns[name], old.columns[name]))
 
 
 def test_a_sum_over_the_table_is_worked_out_once_and_follows_the_table():
@@ -241,15 +241,15 @@ def test_a_ranking_that_lacks_its_scene_says_so_and_raises_nothing():
     assert "collision check" in ranking.reason
 
 
-def test_every_usable_row_can_be_approached_on_a_straight_line_and_ends_in_its_posture():
+def test_every_usable_row_can_be_approached_on_a_straight_line_and_ends_in_its_configuration():
     robot, _ = arm()
     _, table = observed()
     rows = table.admissible
-    way = straight_line_rollout(
+    line = straight_line_rollout(
         robot, table.q_pregrasp[rows], table.X_WP[rows], table.X_WG[rows], speed=0.1, angular_speed=0.5
     )
-    assert way.completed.all()
-    np.testing.assert_allclose(way.q, table.q_grasp[rows], atol=1e-4)
+    assert line.completed.all()
+    np.testing.assert_allclose(line.q, table.q_grasp[rows], atol=1e-4)
 
 
 def test_a_grasp_behind_a_limit_on_its_line_is_reached_but_has_no_straight_approach():
@@ -268,7 +268,7 @@ def test_a_grasp_behind_a_limit_on_its_line_is_reached_but_has_no_straight_appro
     assert plain.admissible[refused].all()
 
 
-def test_many_ways_are_judged_as_each_by_itself():
+def test_many_paths_are_judged_as_each_by_itself():
     robot, _ = arm()
     _, table = observed()
     start, some = robot.forward(robot.home), np.argwhere(table.admissible)[:20]
@@ -300,11 +300,11 @@ def test_after_one_object_moved_only_its_grasps_are_solved_and_the_table_is_as_i
     count = Counting(selector)
     table = selector.observe(grasps(moved), robot.home, clear=clearance_at(moved))
     assert 60 <= count.poses <= 2 * 60
-    fresh = GraspSelector(robot, rule).observe(grasps(moved), robot.home, clear=clearance_at(moved))
+    expected = GraspSelector(robot, rule).observe(grasps(moved), robot.home, clear=clearance_at(moved))
     for name in ("status", "manipulability", "q_grasp", "q_pregrasp", "seed"):
-        assert np.array_equal(getattr(table, name), getattr(fresh, name))
-    for name in fresh.columns:
-        assert np.array_equal(table.columns[name], fresh.columns[name])
+        assert np.array_equal(getattr(table, name), getattr(expected, name))
+    for name in expected.columns:
+        assert np.array_equal(table.columns[name], expected.columns[name])
     # The post stands close to the cube now: what was clear before is not any more.
     cube = table.candidates.object_index == 0
     assert np.any(first.admissible[cube] & table.rejected("collision")[cube])
