@@ -143,7 +143,7 @@ def _on_meshes(options: argparse.Namespace) -> int:
 
 def _on_image(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_output import report
-    from optsc.cli.grasp_views import Wanted, arm_in, objects_in, templates_of
+    from optsc.cli.grasp_views import Wanted, objects_in, observation_of, templates_of
     from optsc.grasps import GraspLibrary
     from optsc.grasps.storage import path_of, save_surface
     from optsc.perception import load_depth_image
@@ -158,13 +158,13 @@ def _on_image(options: argparse.Namespace) -> int:
     wanted = Wanted(
         templates,
         options.unknown,
-        options.table_height or 0.0,
         gripper(options.gripper),
         AntipodalSettings.for_clouds(options.count),
         options.seed,
     )
-    seen, found = objects_in(image, wanted, *arm_in(image, options.robot, options.posture))
-    for reason, count in Counter(dropped.reason for dropped in found.dropped).items():
+    observation = observation_of(image, options.robot, options.posture, options.table_height or 0.0)
+    seen, dropped = objects_in(observation, wanted), observation.segmentation.dropped
+    for reason, count in Counter(one.reason for one in dropped).items():
         print(f"left out: {count} {'piece' if count == 1 else 'pieces'}, {reason}")
     for one in seen:
         print(f"{one.name}: {one.words}")

@@ -6,21 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import DepthImage
-from optsc.geometry.rotation import Array
 from optsc.grasps import GraspSet
 from optsc.perception import (
     Registration,
     Segment,
-    Segmentation,
     Template,
     catalogue_template,
-    robot_depth,
-    robot_mask,
-    segment_image,
     template_from_file,
 )
 from optsc.perception.known_objects import ObjectEstimate, estimate_object, grasps_of, unused_name
@@ -38,7 +31,6 @@ class Wanted(NamedTuple):
     templates: Sequence[Template]
     unknown: bool
     """Whether what is not recognised is grasped by the points that were seen of it."""
-    table_height: float
     gripper: Gripper
     settings: AntipodalSettings
     seed: int
@@ -79,48 +71,44 @@ def templates_of(words: Sequence[str], unit: float) -> tuple[Template, ...]:
     return tuple(found)
 
 
-def arm_in(
-    image: DepthImage, robot: str | None, posture: Sequence[float] | None
-) -> tuple[np.ndarray | None, Array]:
-    """Return the arm's pixels (H, W), None without an arm, and its depth (H, W) [m], infinite where it is not."""
-    if (robot is None) != (posture is None):
-        raise InvalidValue("--robot and --posture", "one of them alone", "both, or neither")
-    if robot is None or posture is None:
-        return None, np.full(image.depth.shape, np.inf)
-    model = load_robot(robot)
-    return robot_mask(model, posture, image), robot_depth(model, posture, image.camera, image.X_WC)
-
-
-def objects_in(
-    image: DepthImage, wanted: Wanted, arm: np.ndarray | None, hiding: Array
-) -> tuple[list[Seen], Segmentation]:
-    """Return what is seen, with grasps where they were found, and how the image fell apart.
+def observation_of(
+    image: DepthImage, robot: str | None, q: Sequence[float] | None, table_height: float
+) -> Observation:
+    """Return what an image shows; the arm in it is left out where its name and configuration are given.
 
     Raises:
-        InvalidValue: nothing was measured, or nothing stands on the table.
+        InvalidValue: a robot without its configuration or the reverse; nothing measured, or nothing on the table.
     """
-    found = segment_image(image, table_height=wanted.table_height, robot_mask=arm)
-    _check_anything(image, found, wanted.table_height)
-    observation = Observation(image, found.segments, hiding, wanted.table_height)
+    if (robot is None) != (q is None):
+        raise InvalidValue("--robot and --posture", "one of them alone", "both, or neither")
+    model = None if robot is None else load_robot(robot)
+    observation = Observation.of(image, robot=model, q=q, table_height=table_height)
+    _check_anything(observation)
+    return observation
+
+
+def objects_in(observation: Observation, wanted: Wanted) -> list[Seen]:
+    """Return what is seen, with grasps where they were found."""
     templates = templates_by_name(wanted.templates)
     seen: list[Seen] = []
-    for one in recognise(observation, found.segments, templates, seed=wanted.seed):
+    for one in recognise(observation, observation.segments, templates, seed=wanted.seed):
         estimate = estimate_object(one.segment, one.registration, templates, observation)
         template = None if estimate.template is None else estimate.template.name
         name = unused_name(template, [other.name for other in seen])
         seen.append(_seen(name, estimate, observation, wanted))
-    return seen, found
+    return seen
 
 
-def _check_anything(image: DepthImage, found: Segmentation, height: float) -> None:
+def _check_anything(observation: Observation) -> None:
+    image, found = observation.image, observation.segmentation
     if not image.measured.any():
         raise InvalidValue("measured pixels", 0, "at least one: nothing was measured in the whole image")
     if found.segments:
         return
-    left_out = "; ".join(f"{dropped.pixels} pixels: {dropped.reason}" for dropped in found.dropped)
-    where = f"above the table, which is looked for at {height:g} m"
+    where = f"above the table, which is expected at {observation.table_height:g} m"
     if not found.table.measured:
         where += f", and no plane is there{_level_plane(image)}"
+    left_out = "; ".join(f"{dropped.pixels} pixels: {dropped.reason}" for dropped in found.dropped)
     raise InvalidValue(
         "number of objects", 0, f"at least one {where}{'; left out: ' if left_out else ''}{left_out}"
     )

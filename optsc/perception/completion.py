@@ -1,4 +1,4 @@
-"""The compensated cloud: what was seen, and the rest as the template has it, each point marked."""
+"""Shape completion: the seen points, and the rest as the template has it, each point marked (compensated cloud)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from optsc.checks import Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PointCloud, Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
@@ -15,7 +16,7 @@ from optsc.perception.templates import Template
 from optsc.sampling.surface import mesh_area
 
 SPACING = 0.0025
-"""From one filled-in point to the next [m]: what grasps on clouds are looked for with."""
+"""From one filled-in point to the next [m]: the density that the search for grasps on clouds needs."""
 COMMON = 0.006
 """Points of one explanation of a view count as common where every other has its surface within this distance [m]."""
 
@@ -38,7 +39,7 @@ def complete_cloud(
     """Return the seen points and the template's unseen ones in O, with normals and `PointCloud.seen`.
 
     A point of the template is added if no seen point is within ``distance`` and the camera did not see through it.
-    Where the seen points have normals, only those that face the same way count: of a thin wall, one side is seen.
+    Where the seen points have normals, only those that face the same side count: of a thin wall, one side is seen.
 
     Args:
         cloud_W: measured points, in W.
@@ -47,18 +48,16 @@ def complete_cloud(
         image: what was measured; without it no point of the template is left out for being seen through.
         robot_depth: see `free_space`.
         alternatives: other poses of the same template that explain the view as well: what they do not agree about, such
-            as a mug's handle that nobody saw, is not filled in.
+            as a mug's hidden handle, is not filled in.
         spacing: from one point of the template to the next, about [m].
         distance: how far a seen point speaks for its surroundings [m].
         outlier: seen points farther from the template than this belong to something else and are left out [m].
 
     Raises:
-        InvalidValue: a length that is not above 0, so many points that ``spacing`` cannot have been meant, or a
-            batch of poses.
+        InvalidValue: a length that is not above 0, a ``spacing`` that takes too many points, or a batch of poses.
     """
     for name, value in (("spacing", spacing), ("distance", distance), ("outlier", outlier)):
-        if not 0.0 < value < float("inf"):
-            raise InvalidValue(name, value, "finite, more than 0 m")
+        require(name, value, Positive)
     if X_WO.shape != ():
         raise InvalidValue("X_WO", X_WO.shape, "a single pose")
     points = X_WO.inverse().apply(cloud_W.points).reshape(-1, 3)
@@ -80,7 +79,7 @@ def complete_cloud(
     return PointCloud(
         np.concatenate([points[near], surface[missing]]),
         np.concatenate([normals[near], outward[missing]]),
-        np.concatenate([np.ones(int(near.sum()), dtype=bool), np.zeros(int(missing.sum()), dtype=bool)]),
+        np.repeat([True, False], [near.sum(), missing.sum()]),
     )
 
 
@@ -88,7 +87,7 @@ def complete_cloud(
 def even_points(mesh: TriangleMesh, spacing: float) -> tuple[Array, Array]:
     """Return points (N, 3) about ``spacing`` [m] apart all over a surface, and their outward normals (N, 3).
 
-    Of random points, one for each cube of that size and each of the six ways that a surface can mostly face, so that
+    Of random points, one for each cube of that size and each of the six directions that a surface can mostly face:
     both sides of a thin wall have theirs. The same input gives the same points.
 
     Raises:
@@ -105,8 +104,8 @@ def even_points(mesh: TriangleMesh, spacing: float) -> tuple[Array, Array]:
     side = 2 * axis + (np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0.0)
     off = np.abs(points - (cubes + 0.5) * spacing).max(axis=1)
     order = np.argsort(off, kind="stable")  # what is nearest to the middle of its cube comes first
-    keys = np.concatenate([cubes, side[:, None]], axis=1)[order]
-    _, first = np.unique(keys, axis=0, return_index=True)
+    cells = np.concatenate([cubes, side[:, None]], axis=1)[order]
+    _, first = np.unique(cells, axis=0, return_index=True)
     kept = np.sort(order[first])
     result = points[kept], normals[kept]
     for array in result:
@@ -117,7 +116,7 @@ def even_points(mesh: TriangleMesh, spacing: float) -> tuple[Array, Array]:
 def _near_seen(
     points: Array, outward: Array, seen: Array, facing: Array | None, distance: float
 ) -> np.ndarray:
-    """Return which points (N, 3) have a seen one within ``distance`` [m], one that faces the same way if that is known.
+    """Return which points (N, 3) have a seen one within ``distance`` [m], facing the same side if that is known.
 
     At right angles two surfaces are as far apart as ``distance`` along them: p and n distance/sqrt(2) are compared.
     """

@@ -27,11 +27,10 @@ from optsc.perception.known_objects import (
     grasps_of,
     unused_name,
 )
-from optsc.perception.occlusion import robot_depth, robot_mask
 from optsc.perception.registration import RegistrationSettings
 from optsc.perception.scene_registration import Observation, RegisteredSegment, recognise
 from optsc.perception.scene_state import SceneEvent, SceneEventKind, SceneState
-from optsc.perception.segmentation import SegmentationSettings, segment_image
+from optsc.perception.segmentation import SegmentationSettings
 from optsc.perception.segments import Segment
 from optsc.perception.templates import Template, templates_by_name
 from optsc.perception.tracking import TrackingResult, explained_share, track
@@ -106,15 +105,13 @@ class SceneObserver:
             InvalidValue: no valid configuration, or an image of another camera or from another place.
         """
         _check_same_view(state, image)
-        settings = self.settings
-        hiding = robot_depth(self.robot, q, image.camera, image.X_WC)
-        found = segment_image(
+        observation = Observation.of(
             image,
-            table_height=settings.table_height,
-            robot_mask=robot_mask(self.robot, q, image),
-            settings=settings.segmentation,
+            robot=self.robot,
+            q=q,
+            table_height=self.settings.table_height,
+            settings=self.settings.segmentation,
         )
-        observation = Observation(image, found.segments, hiding, settings.table_height)
         return self._with_new(track(state, observation, self.robot.forward(q), self.gripper), observation)
 
     def _with_new(

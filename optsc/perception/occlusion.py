@@ -1,4 +1,4 @@
-"""Is the view of an object clear of the arm? From the arm's own geometry at the measured posture.
+"""Occlusion by the arm: whether it hides an object, from its own geometry at the measured configuration.
 
 The arm is the capsules that hold all of its links' surfaces, the fingers in every position of the jaws. A ray from
 the camera meets a capsule where it meets one of its end spheres or the cylinder between them; all of that has
@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.checks import Below, NonNegative, require
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, Pose
 from optsc.geometry.rotation import Array
@@ -60,12 +61,12 @@ def robot_depth(
 
     Args:
         robot: the arm.
-        q: its measured posture (n,) [rad].
+        q: its measured configuration (n,) [rad].
         camera, X_WC: intrinsics and pose of the camera.
         margin: by which the arm is thickened [m].
 
     Raises:
-        InvalidValue: no single posture or pose, or a negative margin.
+        InvalidValue: no single configuration or pose, or a negative margin.
         DamagedFile: the arm's collision geometry cannot be read.
     """
     stride, grid = _grid(camera)
@@ -73,7 +74,7 @@ def robot_depth(
     for hit in _hits(robot, q, camera, X_WC, margin):
         part = depth[hit.rows, hit.columns]
         np.minimum(part, hit.entry, out=part)
-    return _pixels(depth, stride, camera)
+    return _upsampled(depth, stride, (camera.height, camera.width))
 
 
 def robot_mask(robot: RobotModel, q: ArrayLike, image: DepthImage, *, margin: float = MARGIN) -> np.ndarray:
@@ -83,12 +84,12 @@ def robot_mask(robot: RobotModel, q: ArrayLike, image: DepthImage, *, margin: fl
 
     Args:
         robot: the arm.
-        q: its measured posture at the image's time (n,) [rad].
+        q: its measured configuration at the image's time (n,) [rad].
         image: what was measured.
         margin: by which the arm is thickened [m].
 
     Raises:
-        InvalidValue: no single posture, or a negative margin.
+        InvalidValue: no single configuration, or a negative margin.
         DamagedFile: the arm's collision geometry cannot be read.
     """
     camera = image.camera
@@ -99,12 +100,9 @@ def robot_mask(robot: RobotModel, q: ArrayLike, image: DepthImage, *, margin: fl
             slice(hit.rows.start * stride, hit.rows.stop * stride),
             slice(hit.columns.start * stride, hit.columns.stop * stride),
         )
-        depth, part = image.depth[where], mask[where]
-        entry, leaving = (
-            np.repeat(np.repeat(a, stride, axis=0), stride, axis=1)[: depth.shape[0], : depth.shape[1]]
-            for a in (hit.entry, hit.exit)
-        )
-        part |= (depth >= entry) & (depth <= leaving)
+        depth = image.depth[where]
+        entry, leaving = (_upsampled(a, stride, depth.shape) for a in (hit.entry, hit.exit))
+        mask[where] |= (depth >= entry) & (depth <= leaving)
     return mask
 
 
@@ -135,9 +133,8 @@ def view_is_clear(
     for field, array in (("silhouette", silhouette), ("robot_depth", robot_depth)):
         if array.shape != size:
             raise InvalidValue(field, array.shape, f"shape {size}, the size of the image")
-    for field, value in (("halo", halo), ("behind", behind)):
-        if not 0.0 <= value < 1.0:
-            raise InvalidValue(field, value, "0 to 1 m")
+    require("halo", halo, NonNegative, Below(1.0))
+    require("behind", behind, NonNegative, Below(1.0))
     rows, columns = np.flatnonzero(silhouette.any(axis=1)), np.flatnonzero(silhouette.any(axis=0))
     if len(rows) == 0:
         return Occlusion(False, 1.0)
@@ -175,23 +172,22 @@ def _grid(camera: PinholeCamera) -> tuple[int, tuple[int, int]]:
     return stride, (-(-camera.height // stride), -(-camera.width // stride))
 
 
-def _pixels(cells: np.ndarray, stride: int, camera: PinholeCamera) -> np.ndarray:
-    fine = np.repeat(np.repeat(cells, stride, axis=0), stride, axis=1)
-    return fine[: camera.height, : camera.width]
+def _upsampled(cells: np.ndarray, stride: int, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the value of its cell for each pixel, cut to ``shape``: cells at the border may be larger."""
+    return np.repeat(np.repeat(cells, stride, axis=0), stride, axis=1)[: shape[0], : shape[1]]
 
 
 def _hits(
     robot: RobotModel, q: ArrayLike, camera: PinholeCamera, X_WC: Pose, margin: float
 ) -> Iterator[_Hit]:
     """Yield what the rays through the cells' middles meet of each capsule that is in the image."""
-    posture = robot.checked(q)
-    if posture.ndim != 1:
-        raise InvalidValue("q", posture.shape, f"a single posture, shape ({robot.n},)")
+    q = robot.checked(q)
+    if q.ndim != 1:
+        raise InvalidValue("q", q.shape, f"a single configuration, shape ({robot.n},)")
     if X_WC.shape != ():
         raise InvalidValue("X_WC", X_WC.shape, "a single pose")
-    if not 0.0 <= margin < 1.0:
-        raise InvalidValue("margin", margin, "0 to 1 m")
-    ends_W, radii = capsules_at(robot, posture)
+    require("margin", margin, NonNegative, Below(1.0))
+    ends_W, radii = capsules_at(robot, q)
     ends = X_WC.inverse().apply(ends_W)
     stride, (height, width) = _grid(camera)
     middle = 0.5 * (stride - 1)
@@ -266,7 +262,7 @@ def _joints(robot: RobotModel) -> tuple[tuple[int, Pose, Array, bool], ...]:
 
 
 def capsules_at(robot: RobotModel, q: ArrayLike) -> tuple[Array, Array]:
-    """Return the ends in W (K, 2, 3) [m] and the radii (K,) [m] of the arm's capsules at posture q (n,) [rad].
+    """Return the ends in W (K, 2, 3) [m] and the radii (K,) [m] of the arm's capsules at configuration q (n,) [rad].
 
     Raises:
         DamagedFile: the arm's collision geometry cannot be read.

@@ -16,6 +16,9 @@ from optsc.perception.distance_field import DistanceField
 from optsc.perception.pose_hypotheses import PoseHypotheses
 from optsc.perception.templates import Template
 
+if TYPE_CHECKING:
+    from small_gicp import KdTree, PointCloud
+
 PLANAR = (0, 1, 5)
 """Shift along x and y and turn about z: how an object moves that keeps resting on the table."""
 FREE = (0, 1, 2, 3, 4, 5)
@@ -80,10 +83,6 @@ def normal_equations(
 def _limited(vector: Array, longest: float) -> Array:
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
     return vector * np.minimum(1.0, longest / np.maximum(length, 1e-12))
-
-
-if TYPE_CHECKING:
-    from small_gicp import KdTree, PointCloud
 
 
 def refine(

@@ -9,13 +9,16 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optsc.geometry import DepthImage, Pose
 from optsc.geometry.rotation import Array
-from optsc.perception.occlusion import view_is_clear
+from optsc.perception.occlusion import robot_depth, robot_mask, view_is_clear
 from optsc.perception.registration import Registration, RegistrationSettings, register
+from optsc.perception.segmentation import Segmentation, SegmentationSettings, segment_image
 from optsc.perception.segments import Segment, joined_segments, segment_from_pixels, split_at_creases
 from optsc.perception.templates import Template, templates_by_name
+from optsc.robot import RobotModel
 
 BELONGS = 0.9
 """A segment belongs to an object if this share of its points lies on it."""
@@ -30,15 +33,45 @@ class Observation(NamedTuple):
 
     Attributes:
         image: what was measured.
-        segments: all objects in it.
+        segmentation: the objects in it, and what was left out.
         robot_depth: of the arm (H, W) [m], infinite where it is not.
-        table_height: of the table in W [m].
+        table_height: where the table is expected in W [m].
     """
 
     image: DepthImage
-    segments: Sequence[Segment]
+    segmentation: Segmentation
     robot_depth: Array
     table_height: float
+
+    @classmethod
+    def of(
+        cls,
+        image: DepthImage,
+        *,
+        robot: RobotModel | None = None,
+        q: ArrayLike | None = None,
+        table_height: float = 0.0,
+        settings: SegmentationSettings | None = None,
+    ) -> Observation:
+        """Return the segmented image.
+
+        Args:
+            image: what was measured.
+            robot: the arm that may be in it; without it, or without ``q``, all that stands out is an object.
+            q: measured configuration of the arm at that time (n,) [rad].
+            table_height: where the table is expected in W [m].
+            settings: what counts as an object.
+        """
+        mask, hiding = None, np.full(image.depth.shape, np.inf)
+        if robot is not None and q is not None:
+            mask, hiding = robot_mask(robot, q, image), robot_depth(robot, q, image.camera, image.X_WC)
+        found = segment_image(image, table_height=table_height, robot_mask=mask, settings=settings)
+        return cls(image, found, hiding, table_height)
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """All objects in the image, the largest first."""
+        return self.segmentation.segments
 
     def shows_clearly(self, segment: Segment) -> bool:
         """Tell whether the arm is neither in front of a segment nor close beside it."""
@@ -99,8 +132,8 @@ def recognise(
     if not templates:
         unknown = Registration.refused("no templates were given")
         return tuple(RegisteredSegment(segment, unknown, (i,)) for i, segment in enumerate(segments))
-    image, robot_depth, height = observation.image, observation.robot_depth, observation.table_height
-    scene = SceneRegistrar(templates, image, robot_depth, height, settings or RegistrationSettings(), seed)
+    image, hiding, height = observation.image, observation.robot_depth, observation.table_height
+    scene = SceneRegistrar(templates, image, hiding, height, settings or RegistrationSettings(), seed)
     return scene.without_overlaps(scene.register_all(segments))
 
 

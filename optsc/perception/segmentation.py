@@ -16,7 +16,7 @@ from optsc.checks import AtLeast, Between, Checked, Positive, Share, Where
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage
 from optsc.geometry.rotation import Array
-from optsc.perception.segments import Segment, segment_from_pixels
+from optsc.perception.segments import Segment, points_at, segment_from_pixels
 from optsc.perception.table import TablePlane, find_table
 
 RIM = 0.025
@@ -146,20 +146,14 @@ class _Foreground:
 
     def __init__(self, image: DepthImage, height: Array, above: np.ndarray) -> None:
         rows, columns = np.flatnonzero(above.any(axis=1)), np.flatnonzero(above.any(axis=0))
-        self.corner = (int(rows[0]), int(columns[0]))
+        self.corner = np.array([[rows[0]], [columns[0]]])
         self.window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
         self.image, self.above = image, above[self.window]
         self.depth, self.height = image.depth[self.window], height[self.window]
-        camera = image.camera
-        self.slopes = (
-            (np.arange(above.shape[1])[self.window[1]] - camera.cx) / camera.fx,
-            (np.arange(above.shape[0])[self.window[0]] - camera.cy) / camera.fy,
-        )
 
     def points_C(self, mask: np.ndarray) -> Array:
-        rows, columns = np.nonzero(mask)
-        z = self.depth[rows, columns]
-        return np.stack([self.slopes[0][columns] * z, self.slopes[1][rows] * z, z], axis=-1)
+        """Return the points in C (N, 3) [m] of some pixels (h, w) bool."""
+        return points_at(self.image, *(np.array(np.nonzero(mask)) + self.corner))
 
     def clusters(self, settings: SegmentationSettings) -> np.ndarray:
         """Return the number of the connected cluster of every pixel (h, w), -1 for none."""

@@ -118,7 +118,7 @@ def segment_from_pixels(
         return Segment(PointCloud(np.zeros((0, 3)), np.zeros((0, 3))), pixels, False)
     box, corner = _box(pixels)
     R = image.X_WC.rotation_matrix()
-    points = _points(image, box)[pixels[box]]
+    points = points_at(image, *np.nonzero(pixels))
     normals = normals_in_image(image.depth[box], pixels[box], image.camera, corner, normal_window)
     cloud = PointCloud(points @ R.T + image.X_WC.translation, normals @ R.T)
     border = bool(pixels[[0, -1]].any() or pixels[:, [0, -1]].any())
@@ -156,7 +156,7 @@ def split_at_creases(image: DepthImage, segment: Segment, *, crease: float = CRE
     if len(segment.cloud) < 2:
         return ()
     box, corner = _box(segment.pixels)
-    mask, points = segment.pixels[box], _points(image, box)
+    mask, points = segment.pixels[box], points_at(image, *np.mgrid[box])
     size = float(np.median(points[mask][:, 2])) * 0.5 * (1.0 / image.camera.fx + 1.0 / image.camera.fy)
     window = 2 * max(1, round(0.6 * CREASE_WIDTH / size)) + 1
     normals = np.full(points.shape, np.nan)
@@ -200,12 +200,10 @@ def _box(pixels: np.ndarray) -> tuple[tuple[slice, slice], tuple[int, int]]:
     return box, (box[0].start, box[1].start)
 
 
-def _points(image: DepthImage, box: tuple[slice, slice]) -> Array:
-    """Return the points in C of a rectangle of an image (h, w, 3) [m]."""
-    camera, z = image.camera, image.depth[box]
-    right = (np.arange(camera.width)[box[1]] - camera.cx) / camera.fx
-    down = (np.arange(camera.height)[box[0]] - camera.cy) / camera.fy
-    return np.stack([right * z, down[:, None] * z, z], axis=-1)
+def points_at(image: DepthImage, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Return the points in C (..., 3) [m] of the pixels at ``rows`` and ``columns`` (...) of an image."""
+    camera, z = image.camera, image.depth[rows, columns]
+    return np.stack([(columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z, z], axis=-1)
 
 
 def _beside(pixels: np.ndarray, robot_mask: np.ndarray, corner: tuple[int, int]) -> bool:

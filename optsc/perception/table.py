@@ -9,6 +9,7 @@ import numpy as np
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage
 from optsc.geometry.rotation import Array
+from optsc.perception.segments import points_at
 
 NEAR_TABLE = 0.02
 """Points this close to where the table is expected are fitted [m]."""
@@ -58,13 +59,8 @@ def find_table(image: DepthImage, expected: float | None = 0.0) -> TablePlane:
     if expected is not None and not np.isfinite(expected):
         raise InvalidValue("table_height", expected, "finite [m], or None")
     step = max(1, int(np.sqrt(image.depth.size / _MOST)))
-    depth, camera = image.depth[::step, ::step], image.camera
-    rows, columns = np.nonzero(~np.isnan(depth))
-    z, rows, columns = depth[rows, columns], step * rows, step * columns
-    points_C = np.stack(
-        [(columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z, z], axis=-1
-    )
-    points = image.X_WC.apply(points_C)
+    rows, columns = np.nonzero(~np.isnan(image.depth[::step, ::step]))
+    points = image.X_WC.apply(points_at(image, step * rows, step * columns))
     height = _commonest_height(points[:, 2]) if expected is None else float(expected)
     level = TablePlane(np.array([0.0, 0.0, 1.0]), height, False)
     near = points[np.abs(points[:, 2] - height) < NEAR_TABLE]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from optsc.cache import Arrays, computed_once, content_key
+from optsc.checks import Between, Positive, require
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
@@ -33,7 +34,7 @@ _LEAST_VOLUME = 1e-9  # [m^3], a cubic millimetre
 
 _CACHE = "templates"
 _VERSION = 1
-"""Rises with every change that makes another template of the same mesh: what was kept is then computed anew."""
+"""Rises with every change that makes another template of the same mesh: what was kept is then computed again."""
 _COMPUTED = frozenset(
     ("points", "normals", "symmetry", "resting_quaternion", "resting_translation")
     + ("diameter", "corner", "step", "distance", "gradient")
@@ -114,8 +115,7 @@ def template_from_mesh(
     """
     _check_size(name, mesh)
     _check_volume(name, mesh)
-    if not 10 <= count <= 100_000:
-        raise InvalidValue("number of surface points", count, "10 to 100000")
+    require("number of surface points", count, Between(10, 100_000))
 
     def compute() -> Arrays:
         return _computed(mesh, count, symmetry_tolerance, seed)
@@ -185,8 +185,7 @@ def template_from_file(
         raise DamagedFile(path, "holds no triangles")
     if not np.all(np.isfinite(loaded.vertices)):
         raise DamagedFile(path, "has vertices that are not finite")
-    if not 0.0 < unit < float("inf"):
-        raise InvalidValue("unit", unit, "length of the file's unit in metres, finite, above 0")
+    require("unit", unit, Positive)
     vertices = np.asarray(loaded.vertices, dtype=float) * unit
     if not keep_frame:
         low, high = vertices.min(axis=0), vertices.max(axis=0)

@@ -1,4 +1,4 @@
-"""Tracking of known objects: still in place, hidden, gone, or carried by the hand.
+"""Tracking of known objects: visible where expected, hidden, moved away, or carried by the hand.
 
 Whether an object is where it is expected is decided from single pixels: what is measured where its points were? An
 object that was between the jaws and whose place is empty now is in the hand, and moves as the hand does.
