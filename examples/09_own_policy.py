@@ -6,7 +6,7 @@ import numpy as np
 
 from optsc.control.arbitration import HAND_ALONE, Arbitration, Blend, Moment, towards
 from optsc.control.policies import Alternating
-from optsc.study import Cases, PolicyCondition, do_policies, policy_jobs
+from optsc.study import Cases, PolicyCondition, do_policies
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Agreement(Arbitration):
 
 
 conditions = [PolicyCondition("alternating", Alternating()), PolicyCondition("agreement", Agreement())]
-jobs = policy_jobs(Cases(scenes=2, seed=1, people=("patient",)), conditions)
+jobs = Cases(scenes=2, seed=1, people=("patient",)).policy_jobs(conditions)
 # Processes of `run_jobs` import what they run: there a policy has to live in a module, not in the script.
 for job in jobs:
     for condition, row in zip(job.conditions, do_policies(job), strict=True):

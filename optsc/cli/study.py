@@ -87,12 +87,12 @@ def _approach(options: argparse.Namespace) -> int:
 
 
 def _arbitration(options: argparse.Namespace) -> int:
-    from optsc.study.arbitration import do_policies, policy_conditions, policy_jobs
+    from optsc.study.arbitration import do_policies, policy_conditions
     from optsc.study.arbitration_report import build, summary_of, text_table
     from optsc.study.results_folder import save_rows, save_summary
 
     cases = cases_of(options)
-    jobs = policy_jobs(cases, policy_conditions(options.policies))
+    jobs = cases.policy_jobs(policy_conditions(options.policies))
     with kept_rows(options):
         rows = compute(options, jobs, do_policies)
     save_rows(rows, options.output)

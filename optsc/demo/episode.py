@@ -14,7 +14,7 @@ from optsc.demo.observation import OBSERVATION_PERIOD, EpisodeObservation, Scene
 from optsc.followers.protocol import Follower
 from optsc.geometry import Pose
 from optsc.grasps import GraspLibrary
-from optsc.metrics import log_dimensionless_jerk, path_length, rotation_path, sparc, switch_jump
+from optsc.metrics import is_lifted, log_dimensionless_jerk, path_length, rotation_path, sparc, switch_jump
 from optsc.people.parameters import Intention
 from optsc.people.simulated import R_WS_DEFAULT, Simulated
 from optsc.records import Run, SceneUpdate, Tick
@@ -23,7 +23,6 @@ from optsc.session import run
 from optsc.sim import Tabletop
 from optsc.study.conditions import Condition, measure
 from optsc.study.episode_setup import EpisodeSettings, controller_with, true_scene
-from optsc.study.lifting import is_lifted
 
 SETTINGS = EpisodeSettings(rate=500.0, longest=60.0, follower="pybullet")
 """Of the demonstration, unless told otherwise."""

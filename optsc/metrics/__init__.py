@@ -28,6 +28,7 @@ from optsc.metrics.movements import (
 from optsc.metrics.paths import (
     NearestDistance,
     PathClearance,
+    is_lifted,
     motion_measures,
     path_clearance,
     path_length,
@@ -53,6 +54,7 @@ __all__ = [
     "hand_velocity",
     "interaction_measures",
     "intervention_ratio",
+    "is_lifted",
     "jump_measures",
     "limit_margins",
     "limit_violations",

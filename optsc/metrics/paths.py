@@ -24,6 +24,11 @@ NearestDistance: TypeAlias = Callable[[Array], Array]
 """Returns of configurations (N, n) [rad] the distance of each to the nearest thing (N,) [m], such as a method of
 `optsc.robot.clearance.ClearanceScene` or a user-defined distance model; negative where bodies overlap."""
 
+LIFT_HEIGHT = 0.10
+"""An object counts as lifted when it was at least this much above its place [m] ..."""
+LIFT_TIME = 1.0
+"""... for at least this long [s]."""
+
 
 def path_length(points: ArrayLike) -> float:
     """Return the length of the path through ``points`` (N, d), in their unit; 0 for fewer than two.
@@ -113,3 +118,11 @@ def motion_measures(motion: Motion, robot: RobotModel, nearest: NearestDistance 
         found = path_clearance(nearest, motion.q, motion.rate)
         row.update(clearance_m=found.least, mean_clearance_m=found.mean)
     return row
+
+
+def is_lifted(heights: ArrayLike, rate: float) -> bool:
+    """Tell whether an object with these ``heights`` (N,) [m] at ``rate`` [Hz] was lifted high and long enough."""
+    z = np.asarray(heights, dtype=float)
+    up = np.concatenate([[0], (z - z[:1] >= LIFT_HEIGHT).astype(int), [0]])
+    edges = np.flatnonzero(np.diff(up))
+    return bool((edges[1::2] - edges[::2]).max(initial=0) / rate >= LIFT_TIME)

@@ -194,8 +194,7 @@ def _hovering(world: Tabletop, rng: np.random.Generator) -> Array:
     from optsc.robot.collision import CollisionModel
 
     robot = world.robot
-    objects = {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()}
-    scene = CollisionModel(robot).scene(objects, margin=0.01)
+    scene = CollisionModel(robot).scene(world.placed_parts, margin=0.01)
     middle = np.mean([X.translation for X in world.X_WO.values()], axis=0)
     r, angle = _HOVER_RADIUS * np.sqrt(rng.random()), rng.uniform(-np.pi, np.pi)
     wanted = middle[:2] + r * np.array([np.cos(angle), np.sin(angle)])

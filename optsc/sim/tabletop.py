@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from optsc.errors import InvalidValue
-from optsc.geometry import Pose
+from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.sim.objects import ObjectModel, object_model
@@ -41,6 +41,11 @@ class Tabletop:
             )
         for field in ("objects", "X_WO"):
             object.__setattr__(self, field, MappingProxyType(dict(getattr(self, field))))
+
+    @property
+    def placed_parts(self) -> dict[str, tuple[tuple[TriangleMesh, ...], Pose]]:
+        """Convex parts and pose X_WO of each object by name, as collision checks and pictures take them."""
+        return {name: (model.parts, self.X_WO[name]) for name, model in self.objects.items()}
 
 
 def tabletop(

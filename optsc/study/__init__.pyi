@@ -10,16 +10,15 @@ from .approach import failures as failures
 from .approach import pair_means as pair_means
 from .approach import pairs_of as pairs_of
 from .arbitration import PolicyCondition as PolicyCondition
-from .arbitration import PolicyJob as PolicyJob
 from .arbitration import do_policies as do_policies
 from .arbitration import outcome as outcome
 from .arbitration import play as play
 from .arbitration import policy_condition as policy_condition
 from .arbitration import policy_conditions as policy_conditions
-from .arbitration import policy_jobs as policy_jobs
 from .arbitration import simulated as simulated
 from .arms import Arm as Arm
 from .cases import Cases as Cases
+from .cases import Job as Job
 from .conditions import MANIPULABILITY_ONLY as MANIPULABILITY_ONLY
 from .conditions import PAPER as PAPER
 from .conditions import Condition as Condition
@@ -33,8 +32,6 @@ from .episode_setup import EpisodeSetup as EpisodeSetup
 from .episode_setup import episode_key as episode_key
 from .fresh import FreshSelector as FreshSelector
 from .libraries import library_of as library_of
-from .lifting import is_lifted as is_lifted
-from .outcomes import Job as Job
 from .outcomes import Row as Row
 from .outcomes import do as do
 from .outcomes import scene_means as scene_means

@@ -24,7 +24,7 @@ from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.outcomes import Row
 from optsc.study.scenes import Scene
 from optsc.viewers.report import Picture, Report, Table
-from optsc.viewers.report_motion import Path, timelines, trajectories
+from optsc.viewers.report_motion import ToolPath, timelines, trajectories
 from optsc.viewers.report_statistics import Estimate, Scatter, forest, paired_scatter
 
 EXPLAINED = 12
@@ -254,11 +254,11 @@ def _pictures(
     return pictures
 
 
-def _renamed(path: Path, label: str) -> Path:
-    return Path(label, path.p, path.modes, path.rate, path.X_WG)
+def _renamed(path: ToolPath, label: str) -> ToolPath:
+    return ToolPath(label, path.p, path.modes, path.rate, path.X_WG)
 
 
-def paths_of(scene: Scene, pair: StrategyPair, settings: EpisodeSettings) -> list[Path]:
+def paths_of(scene: Scene, pair: StrategyPair, settings: EpisodeSettings) -> list[ToolPath]:
     """Return the tool's way under both strategies, made again from the rows' own seeds."""
     person = OperatorSpec(pair.paper["person"], pair.paper["person_seed"])
     return ways(scene, person, [s.with_measure(pair.paper["measure"]) for s in STRATEGIES], settings)
@@ -266,12 +266,12 @@ def paths_of(scene: Scene, pair: StrategyPair, settings: EpisodeSettings) -> lis
 
 def ways(
     scene: Scene, person: OperatorSpec, conditions: Sequence[Condition], settings: EpisodeSettings
-) -> list[Path]:
+) -> list[ToolPath]:
     """Return the tool's way to the grasp under each condition, named as it is; none for one that chooses nothing."""
     engine, found = Engine(scene, person, settings), []
     for condition, choice in zip(conditions, engine.choices(conditions), strict=True):
         if choice is not None:
             motion = engine.motion(condition, choice).track.motion()
             p, X_WG = motion.X_WT.translation, choice.target.X_WG
-            found.append(Path(condition.name, p, motion.modes, motion.rate, X_WG))
+            found.append(ToolPath(condition.name, p, motion.modes, motion.rate, X_WG))
     return found

@@ -25,6 +25,7 @@ from optsc.geometry import Pose
 from optsc.metrics import (
     Motion,
     interaction_measures,
+    is_lifted,
     motion_measures,
     stretch_smoothness,
     time_in_mode,
@@ -34,14 +35,12 @@ from optsc.operators import Operator
 from optsc.people.simulated import R_WS_DEFAULT
 from optsc.records import Run, Tick
 from optsc.session import run
-from optsc.study.cases import Cases
+from optsc.study.cases import Job
 from optsc.study.conditions import OperatorSpec
-from optsc.study.episode_setup import EpisodeSettings, EpisodeSetup, episode_key
+from optsc.study.episode_setup import EpisodeSetup, nearest_distance
 from optsc.study.fingerprint import fingerprint, plain
-from optsc.study.lifting import is_lifted
 from optsc.study.loading import absolute, load_named
-from optsc.study.outcomes import JUMPS, Row, case_labels, nearest_to
-from optsc.study.scenes import Scene
+from optsc.study.outcomes import JUMPS, Row
 
 VERSION = 3
 """Version of what a row means; part of every key."""
@@ -87,6 +86,10 @@ class PolicyCondition:
         settings = plain(policy) if is_dataclass(policy) else plain([type(policy), vars(policy)])
         return fingerprint([VERSION, type(policy).__name__, settings])
 
+    def labels(self) -> Row:
+        """Return what tables say about it."""
+        return {"condition": self.name}
+
     def __reduce__(self) -> tuple[Any, ...]:
         if self.source:
             return _loaded_again, (self.source, self.key)
@@ -130,25 +133,6 @@ def _loaded_again(source: str, expected: str) -> PolicyCondition:
     return condition
 
 
-@dataclass(frozen=True)
-class PolicyJob:
-    """All policies in one scene with one person."""
-
-    scene: Scene
-    person: OperatorSpec
-    settings: EpisodeSettings
-    conditions: tuple[PolicyCondition, ...]
-
-    def keys(self) -> list[str]:
-        """Return the key of each condition's row."""
-        episode = episode_key(self.scene, self.person, self.settings)
-        return [fingerprint([episode, condition.key]) for condition in self.conditions]
-
-    def labels(self, condition: PolicyCondition) -> Row:
-        """Return what a table says about a row besides its outcome."""
-        return {**case_labels(self.scene, self.person, self.settings), "condition": condition.name}
-
-
 def policy_conditions(names: Sequence[str] | None = None) -> tuple[PolicyCondition, ...]:
     """Return the policies of these names, by default all built-in ones; see `policy_condition`.
 
@@ -161,30 +145,25 @@ def policy_conditions(names: Sequence[str] | None = None) -> tuple[PolicyConditi
     return conditions
 
 
-def policy_jobs(cases: Cases, conditions: Sequence[PolicyCondition]) -> list[PolicyJob]:
-    """Return the jobs that try all policies on all cases."""
-    return [PolicyJob(scene, person, cases.settings, tuple(conditions)) for scene, person in cases.pairs()]
-
-
-def do_policies(job: PolicyJob) -> list[Row]:
+def do_policies(job: Job[PolicyCondition]) -> list[Row]:
     """Return one row for each policy of ``job``."""
-    stage = EpisodeSetup(job.scene, job.settings)
+    setup = EpisodeSetup(job.scene, job.settings)
     rows = []
     for condition, row_key in zip(job.conditions, job.keys(), strict=True):
-        rows.append({"key": row_key, **outcome(stage, simulated(stage, job.person, condition.policy))})
+        rows.append({"key": row_key, **outcome(setup, simulated(setup, job.person, condition.policy))})
     return rows
 
 
-def simulated(stage: EpisodeSetup, person: OperatorSpec, policy: Arbitration) -> Run:
+def simulated(setup: EpisodeSetup, person: OperatorSpec, policy: Arbitration) -> Run:
     """Return the run of one episode of a simulated person under ``policy``; who has to grasp by hand does."""
     by_hand = policy.trigger is Trigger.GRASPS
-    operator = person.operator(stage.scene.goal, stage.scene.objects, by_hand=by_hand)
-    with stage.follower() as follower:
-        return play(stage, policy, operator, follower, duration=stage.settings.longest)
+    operator = person.operator(setup.scene.goal, setup.scene.objects, by_hand=by_hand)
+    with setup.follower() as follower:
+        return play(setup, policy, operator, follower, duration=setup.settings.longest)
 
 
 def play(
-    stage: EpisodeSetup,
+    setup: EpisodeSetup,
     policy: Arbitration,
     operator: Operator,
     follower: Follower,
@@ -195,34 +174,34 @@ def play(
 ) -> Run:
     """Return the run of one episode under ``policy``, the grasp chosen as the paper does; see `optsc.session.run`."""
     return run(
-        stage.controller(stage.paper, arbitration=policy),
+        setup.controller(setup.paper, arbitration=policy),
         operator=operator,
         follower=follower,
-        candidates=stage.candidates,
-        clear=stage.clear,
-        rate=stage.settings.rate,
+        candidates=setup.candidates,
+        clear=setup.clear,
+        rate=setup.settings.rate,
         duration=duration,
-        about={"policy": policy.name, "goal": stage.scene.goal, **(about or {})},
+        about={"policy": policy.name, "goal": setup.scene.goal, **(about or {})},
         on_tick=on_tick,
     )
 
 
-def outcome(stage: EpisodeSetup, ticks: Run) -> Row:
+def outcome(setup: EpisodeSetup, ticks: Run) -> Row:
     """Return what became of an episode: numbers of `REPORTED` and `TIMES`, and whether the wanted object was grasped.
 
     With an ideal follower, success means that the jaws closed at a grasp of the wanted object and the arm went on to
     carry it; in a simulated world, that the object was really lifted.
     """
-    motion = Motion.of_run(ticks, stage.robot)
+    motion = Motion.of_run(ticks, setup.robot)
     closings = [i for i in ticks.switches() if ticks.modes[i] is Mode.CLOSE]
     end = closings[-1] if closings else len(motion)
     target = ticks[end].step.target if closings else None
     carried = ticks.modes[-1] is Mode.CARRY
-    success = carried and target is not None and target.object_name == stage.scene.goal
-    if stage.settings.follower == "pybullet":
-        heights = np.array([tick.objects[stage.scene.goal].translation[2] for tick in ticks])
+    success = carried and target is not None and target.object_name == setup.scene.goal
+    if setup.settings.follower == "pybullet":
+        heights = np.array([tick.objects[setup.scene.goal].translation[2] for tick in ticks])
         success = is_lifted(heights, ticks.rate)
-    measured = _measured(stage, ticks, motion, end)
+    measured = _measured(setup, ticks, motion, end)
     row: dict[str, Any] = {name: measured.get(name, nan) for name in REPORTED if name != "grasp_s"}
     times = time_in_mode(motion.modes, motion.rate)
     return {
@@ -237,7 +216,7 @@ def outcome(stage: EpisodeSetup, ticks: Run) -> Row:
     }
 
 
-def _measured(stage: EpisodeSetup, ticks: Run, motion: Motion, end: int) -> Row:
+def _measured(setup: EpisodeSetup, ticks: Run, motion: Motion, end: int) -> Row:
     """Return the measures of the first ``end`` ticks, and the worst jumps of all."""
     part = motion.part(0, end)
     relieved = [i for i, (a, b) in enumerate(pairwise(ticks.modes), 1) if a.automatic is not b.automatic]
@@ -247,7 +226,7 @@ def _measured(stage: EpisodeSetup, ticks: Run, motion: Motion, end: int) -> Row:
         if ticks.modes[i].automatic and target is not None:
             targets[i] = target.X_WG
     return {
-        **motion_measures(part, stage.robot, nearest_to(stage)),
+        **motion_measures(part, setup.robot, nearest_distance(setup)),
         **interaction_measures(part, R_WS_DEFAULT),
         **stretch_smoothness(part, [i for i in relieved if i < end]),
         # Closing the jaws is a change of mode, too.

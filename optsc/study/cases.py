@@ -1,31 +1,78 @@
-"""A sweep as a value: which scenes, people and settings; and the jobs that it comes down to."""
+"""Cases of a study, scenes times simulated operators, and the jobs that try conditions on them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated, Any, Generic, Protocol, TypeVar
 
+from optsc.checks import AtLeast, Checked
 from optsc.errors import InvalidValue
-from optsc.people.parameters import TYPES
+from optsc.people import TYPES
 from optsc.sim import ObjectModel
 from optsc.study.arms import Arm
 from optsc.study.conditions import Condition, OperatorSpec
-from optsc.study.episode_setup import EpisodeSettings
-from optsc.study.outcomes import Job
+from optsc.study.episode_setup import EpisodeSettings, episode_key
+from optsc.study.fingerprint import fingerprint
 from optsc.study.scenes import Scene, scene_set
 
 
+class Tested(Protocol):
+    """What a study tries: a `optsc.study.Condition` or a `optsc.study.PolicyCondition`."""
+
+    @property
+    def key(self) -> str:
+        """Fingerprint of everything that determines it."""
+        ...
+
+    def labels(self) -> dict[str, Any]:
+        """Return what a table says about it."""
+        ...
+
+
+C = TypeVar("C", bound=Tested)
+
+
 @dataclass(frozen=True)
-class Cases:
-    """What conditions are tried on: scenes times people.
+class Job(Generic[C]):
+    """Work that belongs together: conditions in one scene with one operator."""
+
+    scene: Scene
+    person: OperatorSpec
+    settings: EpisodeSettings
+    conditions: tuple[C, ...]
+
+    def keys(self) -> list[str]:
+        """Return the key of each condition's row."""
+        episode = episode_key(self.scene, self.person, self.settings)
+        return [fingerprint([episode, condition.key]) for condition in self.conditions]
+
+    def labels(self, condition: C) -> dict[str, Any]:
+        """Return what a table says about a row besides its outcome; not stored, for names may change."""
+        return {
+            "robot": self.scene.robot,
+            "scene": self.scene.hash,
+            "scene_seed": self.scene.seed,
+            "level": self.scene.level,
+            "goal": self.scene.goal,
+            "person": self.person.kind,
+            "person_seed": self.person.seed,
+            "follower": self.settings.follower,
+            **condition.labels(),
+        }
+
+
+@dataclass(frozen=True)
+class Cases(Checked):
+    """What conditions are tried on: scenes times simulated operators.
 
     Attributes:
-        robots: names of arms, or arms of one's own.
+        robots: names of arms, or user-defined arms.
         scenes: how many scenes to draw for each arm; or the scenes themselves, and then robots, seed, level and
             objects mean nothing.
         seed: of scenes, and by them of people: a person's is that of the scene.
         level: difficulty of the scenes, one of `optsc.study.scenes.LEVELS`.
-        objects: how many objects a scene has; or which, by name or as models of one's own.
+        objects: how many objects a scene has; or which, by name or as user-defined models.
         people: kinds of people.
         repetitions: people of each kind in each scene.
         settings: what everything shares.
@@ -33,24 +80,21 @@ class Cases:
 
     robots: tuple[str | Arm, ...] = ("panda",)
     scenes: int | Sequence[Scene] = 50
-    seed: int = 0
+    seed: Annotated[int, AtLeast(0)] = 0
     level: str = "random"
     objects: int | tuple[str | ObjectModel, ...] = 3
     people: tuple[str, ...] = ("typical",)
-    repetitions: int = 1
+    repetitions: Annotated[int, AtLeast(1)] = 1
     settings: EpisodeSettings = field(default_factory=EpisodeSettings)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not isinstance(self.scenes, int):
             object.__setattr__(self, "scenes", tuple(self.scenes))
             if not self.scenes or not all(isinstance(scene, Scene) for scene in self.scenes):
                 raise InvalidValue("scenes", self.scenes, "a number, or at least one `Scene`")
         elif self.scenes < 1:
             raise InvalidValue("scenes", self.scenes, "1 or more")
-        if self.repetitions < 1:
-            raise InvalidValue("repetitions", self.repetitions, "1 or more")
-        if self.seed < 0:
-            raise InvalidValue("seed", self.seed, "0 or more")
         for name in ("robots", "people"):
             if not getattr(self, name):
                 raise InvalidValue(name, (), "at least one")
@@ -70,14 +114,18 @@ class Cases:
             for repetition in range(self.repetitions)
         ]
 
-    def jobs(self, conditions: Sequence[Condition]) -> list[Job]:
-        """Return the jobs that try all ``conditions`` on all cases.
+    def jobs(self, conditions: Sequence[Condition]) -> list[Job[Condition]]:
+        """Return the jobs that try all ``conditions``, rules that choose a grasp, on all cases.
 
         Raises `InvalidValue` for people who step in on the way: what they do depends on the target, so conditions
-        could not share their work. `optsc.study.policy_jobs` takes them.
+        could not share their work. `policy_jobs` takes them.
         """
         for kind in self.people:
             if OperatorSpec(kind).steps_in:
                 valid = [name for name in TYPES if not OperatorSpec(name).steps_in]
                 raise InvalidValue("people", kind, f"those who do not step in on the way: {', '.join(valid)}")
+        return self.policy_jobs(conditions)
+
+    def policy_jobs(self, conditions: Sequence[C]) -> list[Job[C]]:
+        """Return the jobs that try all ``conditions`` on all cases: no work is shared, so operators may do anything."""
         return [Job(scene, person, self.settings, tuple(conditions)) for scene, person in self.pairs()]

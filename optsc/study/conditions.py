@@ -73,6 +73,11 @@ class Condition(Checked):
         """Hash of the rule and of the definition of M, whatever they are called."""
         return fingerprint([self.rule, measure(self.measure)])
 
+    def labels(self) -> dict[str, Any]:
+        """Return what tables say about it: its name, the definition of M, and ``about`` as ``at_...``."""
+        varied = {f"at_{name}": value for name, value in self.about.items()}
+        return {"condition": self.name, "measure": self.measure, **varied}
+
     def with_measure(self, name: str) -> Condition:
         """Return the same rule with another definition of M."""
         return replace(self, measure=name)

@@ -15,14 +15,18 @@ from optsc.control.approach import Approach
 from optsc.control.arbitration import Arbitration
 from optsc.control.controller import SharedController
 from optsc.followers import IdealFollower
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
 from optsc.grasps import GraspLibrary
+from optsc.metrics import NearestDistance
 from optsc.operators import ClutchSettings
 from optsc.people.simulated import R_WS_DEFAULT
 from optsc.records import SceneUpdate
 from optsc.robot import RobotModel
-from optsc.robot.collision import CollisionModel
+from optsc.robot.collision import TABLE, CollisionModel
+from optsc.robot.distances import DistanceModel
 from optsc.selection import GraspClearance, GraspSelector
-from optsc.sim import Tabletop
+from optsc.sim import OBJECT_NAMES, ObjectModel, Tabletop, object_model
 from optsc.study.conditions import PAPER, Condition, OperatorSpec
 from optsc.study.fingerprint import fingerprint, plain
 from optsc.study.fresh import FreshSelector, Tables
@@ -35,6 +39,8 @@ if TYPE_CHECKING:
 ENGINE = 3
 """Version of what a row means; part of every key, raised whenever rows of equal settings would differ."""
 FOLLOWERS = ("ideal", "pybullet")
+ELSEWHERE = Pose.from_translation([1e3, 0.0, 0.0])
+"""Where the objects of the catalogue are that a scene does not have."""
 LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")
 
 
@@ -61,8 +67,7 @@ class EpisodeSettings(Checked):
 
 def true_scene(world: Tabletop, library: GraspLibrary) -> SceneUpdate:
     """Return the grasps of ``library`` where the objects of ``world`` are, and the collision check of the arm."""
-    obstacles = {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()}
-    clear = GraspClearance(collision_model(world.robot).scene(obstacles))
+    clear = GraspClearance(collision_model(world.robot).scene(world.placed_parts))
     return SceneUpdate(library.place(world.X_WO), clear)
 
 
@@ -134,3 +139,32 @@ class EpisodeSetup:
         from optsc.sim.follower import PyBulletFollower
 
         return PyBulletFollower(self.world, gui=gui)
+
+
+def nearest_distance(setup: EpisodeSetup) -> NearestDistance:
+    """Return the distance of configurations to table and objects; the hand may touch the goal.
+
+    Links are capsules and objects boxes around their parts, so it is never more than the true one.
+    """
+    own = tuple(model for model in setup.world.objects.values() if model not in _catalogue())
+    model, world = _distance_model(setup.robot, own)
+    for name in dict.fromkeys((*OBJECT_NAMES, *setup.world.objects)):
+        model.move(name, setup.world.X_WO.get(name, ELSEWHERE))
+    model.hand_may_touch(setup.scene.goal)
+
+    def nearest(q: Array) -> Array:
+        return np.array([model.distances(row)[0][world].min() for row in q])
+
+    return nearest
+
+
+def _catalogue() -> tuple[ObjectModel, ...]:
+    return tuple(object_model(name) for name in OBJECT_NAMES)
+
+
+@lru_cache(maxsize=4)
+def _distance_model(robot: RobotModel, own: tuple[ObjectModel, ...]) -> tuple[DistanceModel, np.ndarray]:
+    """Return distances of ``robot`` to the catalogue's objects and ``own``, kept, and which pairs are not within it."""
+    obstacles = {model.name: (model.parts, ELSEWHERE) for model in (*_catalogue(), *own)}
+    model = DistanceModel(robot, obstacles)
+    return model, np.flatnonzero([pair.other in (*obstacles, TABLE) for pair in model.pairs])

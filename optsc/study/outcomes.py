@@ -1,32 +1,27 @@
-"""Rows: what became of each condition in each scene, as flat tables of numbers and words."""
+"""Outcomes of grasp choices: a row of measures for each condition in each case."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from math import nan
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from optsc.control.modes import Mode
-from optsc.geometry import Pose, rotation
-from optsc.geometry.rotation import Array
+from optsc.geometry import rotation
 from optsc.metrics import NearestDistance, interaction_measures, jump_measures, motion_measures
 from optsc.people.simulated import R_WS_DEFAULT
-from optsc.robot import RobotModel
-from optsc.robot.collision import TABLE
-from optsc.robot.distances import DistanceModel
-from optsc.sim import OBJECT_NAMES, ObjectModel, object_model
-from optsc.study.conditions import DEFAULT_MEASURE, Condition, OperatorSpec, measure
+from optsc.study.cases import Job
+from optsc.study.conditions import DEFAULT_MEASURE, Condition, measure
 from optsc.study.engine import Choice, Engine
-from optsc.study.episode_setup import EpisodeSettings, EpisodeSetup, episode_key
+from optsc.study.episode_setup import nearest_distance
 from optsc.study.fingerprint import fingerprint
 from optsc.study.leading import ARRIVED
-from optsc.study.scenes import Scene
-from optsc.study.statistics import mean_of
 from optsc.study.tracks import Track
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Row: TypeAlias = dict[str, Any]
 
@@ -44,74 +39,31 @@ JUMPS = (
 """Parts of the jump at the hand-over, see `optsc.metrics.SwitchJump`."""
 MANUAL = ("effort_m", "intervention", "manual_s")
 """What the operator did up to the hand-over, and for how long."""
-ELSEWHERE = Pose.from_translation([1e3, 0.0, 0.0])
-"""Where the objects are that a scene does not have."""
 CHOSEN = ("target_manipulability", "target_yoshikawa", "target_travel_rad")
 """The chosen grasp: M as the condition defines it, M by default, largest joint motion to it."""
 
 
-@dataclass(frozen=True)
-class Job:
-    """Work that belongs together: conditions in one scene with one person."""
-
-    scene: Scene
-    person: OperatorSpec
-    settings: EpisodeSettings
-    conditions: tuple[Condition, ...]
-
-    def keys(self) -> list[str]:
-        """Return the key of each condition's row."""
-        episode = episode_key(self.scene, self.person, self.settings)
-        return [fingerprint([episode, condition.key]) for condition in self.conditions]
-
-    def labels(self, condition: Condition) -> Row:
-        """Return what a table says about a row besides its outcome; not stored, for names may change."""
-        varied = {f"at_{name}": value for name, value in condition.about.items()}
-        names = {"condition": condition.name, "measure": condition.measure}
-        return {**case_labels(self.scene, self.person, self.settings), **names, **varied}
-
-
-def case_labels(scene: Scene, person: OperatorSpec, settings: EpisodeSettings) -> Row:
-    """Return what tables say about a case."""
-    return {
-        "robot": scene.robot,
-        "scene": scene.hash,
-        "scene_seed": scene.seed,
-        "level": scene.level,
-        "goal": scene.goal,
-        "person": person.kind,
-        "person_seed": person.seed,
-        "follower": settings.follower,
-    }
-
-
 def scene_means(
-    rows: Sequence[Row], columns: Sequence[str], by: Sequence[str] = ("robot", "measure", "condition")
-) -> list[Row]:
-    """Return a row for each scene under each condition: means of ``columns`` over its people and repetitions.
+    rows: Sequence[Row] | DataFrame,
+    columns: Sequence[str],
+    by: Sequence[str] = ("robot", "measure", "condition"),
+) -> DataFrame:
+    """Return a line for each scene under each condition: means of ``columns`` over its people and repetitions.
 
     A scene is the unit of a study: however many people try it, it counts once in an interval. Rows belong together
     that have the same ``scene`` and the same in all of ``by`` that they have. Each mean is over what is finite, NaN
     where nothing is, and ``rows`` is how many there are; the order is that of the first of each.
     """
-    groups: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row["scene"], *(row.get(name) for name in by)), []).append(row)
-    return [
-        {
-            **{name: group[0][name] for name in ("scene", *by) if name in group[0]},
-            "rows": len(group),
-            **{column: mean_of([_number(row[column]) for row in group]) for column in columns},
-        }
-        for group in groups.values()
-    ]
+    from pandas import DataFrame
+
+    table = DataFrame(rows)
+    numbers = table[list(columns)].astype(float)
+    table[list(columns)] = numbers.where(np.isfinite(numbers))
+    groups = table.groupby([name for name in ("scene", *by) if name in table], sort=False, dropna=False)
+    return groups[list(columns)].mean().assign(rows=groups.size()).reset_index()
 
 
-def _number(value: float | None) -> float:
-    return nan if value is None else float(value)
-
-
-def do(job: Job) -> list[Row]:
+def do(job: Job[Condition]) -> list[Row]:
     """Return one row for each condition of ``job``, in its order."""
     return rows(Engine(job.scene, job.person, job.settings), job.conditions)
 
@@ -119,7 +71,7 @@ def do(job: Job) -> list[Row]:
 def rows(engine: Engine, conditions: Sequence[Condition]) -> list[Row]:
     """Return one row for each condition."""
     measured: dict[tuple[int, int, bool], Row] = {}
-    nearest = nearest_to(engine.stage)
+    nearest = nearest_distance(engine.stage)
     result = []
     for condition, choice in zip(conditions, engine.choices(conditions), strict=True):
         row: Row = {"key": fingerprint([engine.key, condition.key])}
@@ -188,32 +140,3 @@ def _measured(
 def _yoshikawa(engine: Engine, choice: Choice) -> float:
     value = measure(DEFAULT_MEASURE).evaluate(engine.stage.robot, choice.target.q)
     return float(value)
-
-
-def nearest_to(stage: EpisodeSetup) -> NearestDistance:
-    """Return the distance of postures to table and objects; the hand may touch the one it is to grasp.
-
-    Links are capsules and objects boxes around their parts, so it is never more than the true one.
-    """
-    own = tuple(m for m in stage.world.objects.values() if m not in _catalogue())
-    model, world = _distance_model(stage.robot, own)
-    for name in dict.fromkeys((*OBJECT_NAMES, *stage.world.objects)):
-        model.move(name, stage.world.X_WO.get(name, ELSEWHERE))
-    model.hand_may_touch(stage.scene.goal)
-
-    def nearest(q: Array) -> Array:
-        return np.array([model.distances(row)[0][world].min() for row in q])
-
-    return nearest
-
-
-def _catalogue() -> tuple[ObjectModel, ...]:
-    return tuple(object_model(name) for name in OBJECT_NAMES)
-
-
-@lru_cache(maxsize=4)
-def _distance_model(robot: RobotModel, own: tuple[ObjectModel, ...]) -> tuple[DistanceModel, np.ndarray]:
-    """Return distances of ``robot`` to the catalogue's objects and ``own``, kept, and which pairs are not within it."""
-    obstacles = {model.name: (model.parts, ELSEWHERE) for model in (*_catalogue(), *own)}
-    model = DistanceModel(robot, obstacles)
-    return model, np.flatnonzero([pair.other in (*obstacles, TABLE) for pair in model.pairs])

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from optsc.control.modes import Mode
+from optsc.metrics import is_lifted
 from optsc.session import run
 from optsc.study.conditions import Condition, OperatorSpec
 from optsc.study.episode_setup import EpisodeSetup
 from optsc.study.leading import ending
-from optsc.study.lifting import is_lifted
 from optsc.study.tracks import Track
 
 LONGEST_MOTION = 30.0

@@ -14,7 +14,7 @@ from optsc.viewers import shapes
 from optsc.viewers.figure_data import SelectedGrasps
 
 Colour = tuple[float, float, float]
-Scene = Mapping[str, tuple[TriangleMesh, Pose]]
+PlacedMeshes = Mapping[str, tuple[TriangleMesh, Pose]]
 
 GRIPPER = "#7b8591"
 _ELEVATION, _AZIMUTH = radians(27.0), radians(-38.0)
@@ -32,7 +32,7 @@ def mixed(colour: Colour, share: float) -> Colour:
     return (r, g, b)
 
 
-def region(objects: Scene, situations: Sequence[SelectedGrasps], boxes: Array) -> tuple[Array, Array]:
+def region(objects: PlacedMeshes, situations: Sequence[SelectedGrasps], boxes: Array) -> tuple[Array, Array]:
     """Return lower and upper corner (3,) [m] of a box on the table about everything in ``situations``."""
     points = [shapes.mesh_triangles(mesh, X_WO) for mesh, X_WO in objects.values()]
     for situation in situations:
@@ -48,7 +48,7 @@ def region(objects: Scene, situations: Sequence[SelectedGrasps], boxes: Array) -
 
 def draw_situation(
     axes: Any,
-    objects: Scene,
+    objects: PlacedMeshes,
     colours: Mapping[str, str],
     boxes: Array,
     situation: SelectedGrasps,

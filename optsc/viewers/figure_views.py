@@ -10,7 +10,7 @@ import numpy as np
 from optsc.geometry.rotation import Array
 from optsc.viewers import shapes
 from optsc.viewers.figure_data import Curve
-from optsc.viewers.figure_scene import Scene, mixed
+from optsc.viewers.figure_scene import PlacedMeshes, mixed
 
 INK, QUIET = "#2b2f36", "#858c96"
 _BY_HAND = (0, (3.0, 1.8))
@@ -25,7 +25,7 @@ _GAP = 0.12
 def draw_views(
     figure: Any,
     frame: tuple[float, float, float, float],
-    objects: Scene,
+    objects: PlacedMeshes,
     colours: Mapping[str, str],
     curves: Sequence[Curve],
 ) -> None:
@@ -79,7 +79,7 @@ def draw_legend(figure: Any, curves: Sequence[Curve], at: tuple[float, float]) -
 
 
 def _extent(
-    objects: Scene, curves: Sequence[Curve], width: float, height: float
+    objects: PlacedMeshes, curves: Sequence[Curve], width: float, height: float
 ) -> tuple[Array, Array, float]:
     """Return lower and upper corner (3,) [m] of what is shown, filling the panel, and inches per metre.
 
@@ -107,7 +107,7 @@ def _extent(
 
 
 def _draw_objects(
-    axes: Any, objects: Scene, colours: Mapping[str, str], curves: Sequence[Curve], j: int
+    axes: Any, objects: PlacedMeshes, colours: Mapping[str, str], curves: Sequence[Curve], j: int
 ) -> None:
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgb

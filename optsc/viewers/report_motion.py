@@ -31,12 +31,12 @@ OTHER = "#c2185b"
 """Modes that have no colour of their own."""
 
 
-Scene: TypeAlias = Mapping[str, tuple[Sequence[TriangleMesh], Pose]]
+PlacedParts: TypeAlias = Mapping[str, tuple[Sequence[TriangleMesh], Pose]]
 """Convex parts of each object, and its pose X_WO, by name."""
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class ToolPath:
     """The way of a tool.
 
     Attributes:
@@ -59,7 +59,7 @@ class Path:
         return [(self.modes[start], start, end) for start, end in pairwise([0, *edges, len(self.modes)])]
 
 
-def timelines(paths: Sequence[Path]) -> Any:
+def timelines(paths: Sequence[ToolPath]) -> Any:
     """Return a figure with one bar per path, coloured by mode along time."""
     figure, axis = new_figure(figsize=(9.6, 0.9 + 0.36 * len(paths)))
     for line, path in enumerate(paths):
@@ -80,7 +80,7 @@ def timelines(paths: Sequence[Path]) -> Any:
     return figure
 
 
-def trajectories(objects: Scene, paths: Sequence[Path], title: str = "", goal: str = "") -> Any:
+def trajectories(objects: PlacedParts, paths: Sequence[ToolPath], title: str = "", goal: str = "") -> Any:
     """Return a figure of one scene from above and from the side, a column for each path, coloured by mode."""
     everything = [path.p for path in paths]
     everything += [X.apply(part.vertices) for parts, X in objects.values() for part in parts]
@@ -117,7 +117,7 @@ def trajectories(objects: Scene, paths: Sequence[Path], title: str = "", goal: s
     return figure
 
 
-def _draw_path(axis: Any, path: Path, other: int) -> None:
+def _draw_path(axis: Any, path: ToolPath, other: int) -> None:
     from matplotlib.collections import PolyCollection
 
     for mode, start, end in path.stretches():
@@ -134,7 +134,7 @@ def _draw_path(axis: Any, path: Path, other: int) -> None:
         )
 
 
-def _draw_objects(axis: Any, objects: Scene, goal: str, other: int) -> None:
+def _draw_objects(axis: Any, objects: PlacedParts, goal: str, other: int) -> None:
     from matplotlib.collections import PolyCollection
     from scipy.spatial import ConvexHull
 
@@ -151,7 +151,7 @@ def _draw_objects(axis: Any, objects: Scene, goal: str, other: int) -> None:
             axis.text(at[0], at[1], name, color=QUIET, fontsize=8, ha="center", va="center", zorder=3)
 
 
-def _legend(axis: Any, paths: Sequence[Path]) -> None:
+def _legend(axis: Any, paths: Sequence[ToolPath]) -> None:
     from matplotlib.patches import Patch
 
     used = dict.fromkeys(mode for path in paths for mode, *_ in path.stretches())

@@ -10,13 +10,13 @@ from optsc.control.modes import Mode
 from optsc.demo.demonstration import Demo, load_or_build, plans, run_demo
 from optsc.demo.episode import DemoSetup, run_episode
 from optsc.demo.summary import save, summary, table
+from optsc.metrics.paths import LIFT_HEIGHT
 from optsc.people.parameters import Intention
 from optsc.robot import load_robot
 from optsc.sim import tabletop
 from optsc.sim.follower import PyBulletFollower
 from optsc.study.approach import STRATEGIES
 from optsc.study.conditions import PAPER
-from optsc.study.lifting import LIFT_HEIGHT
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,6 @@ from optsc.study.arbitration import (
     do_policies,
     policy_condition,
     policy_conditions,
-    policy_jobs,
 )
 from optsc.study.arbitration_report import COLUMNS, JUMPS, MODES, SMOOTHNESS, build, summary_of, text_table
 from optsc.study.cases import Cases
@@ -75,7 +74,7 @@ def test_a_scene_counts_once_however_many_people_try_it():
     rows = [row("a", "manual", person=k, effort_m=x) for k, x in enumerate([1.0, 2.0, 6.0])]
     rows += [row("b", "manual", effort_m=5.0), row("b", "manual", person=1, effort_m=None)]
     found = scene_means(rows, ["effort_m", "success"])
-    assert [(mean["scene"], mean["rows"], mean["effort_m"]) for mean in found] == [
+    assert list(found[["scene", "rows", "effort_m"]].itertuples(index=False, name=None)) == [
         ("a", 3, 3.0),
         ("b", 2, 5.0),
     ]
@@ -141,7 +140,7 @@ def computed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arbitration")
     (folder / "policies_of_mine.py").write_text(OWN)
     conditions = policy_conditions(["alternating", f"{folder / 'policies_of_mine.py'}:quarter"])
-    jobs = policy_jobs(Cases(scenes=1, seed=2, objects=2), conditions)
+    jobs = Cases(scenes=1, seed=2, objects=2).policy_jobs(conditions)
     rows = run_jobs(jobs, RowStore(folder / "rows"), workers=1, work=do_policies)
     return {row["condition"]: row for row in rows}
 
@@ -188,7 +187,7 @@ def test_what_a_policy_says_and_what_it_calls_determines_its_rows(own):
 def test_another_process_finds_the_policy_and_the_key_again(own, tmp_path, monkeypatch):
     monkeypatch.chdir(own.parent)
     condition = policy_condition(f"{own.name}:quarter")
-    (job,) = policy_jobs(Cases(scenes=1), [condition, PolicyCondition("manual", Manual())])
+    (job,) = Cases(scenes=1).policy_jobs([condition, PolicyCondition("manual", Manual())])
     path = tmp_path / "job.pkl"
     path.write_bytes(pickle.dumps(job))
     code = f"import pickle; job = pickle.load(open({str(path)!r}, 'rb')); print(*job.keys())"

@@ -11,10 +11,11 @@ from optsc.robot.manipulability import DEFINITIONS
 from optsc.selection import PoseDistance, WeightedSum
 from optsc.selection.costs import JointTravel, ManipulabilityLoss, OrientationDistance, PositionDistance
 from optsc.session import run
+from optsc.study.cases import Job
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, OperatorSpec
 from optsc.study.engine import Engine
 from optsc.study.episode_setup import EpisodeSettings, EpisodeSetup, episode_key
-from optsc.study.outcomes import MEASURED, Job, do, rows
+from optsc.study.outcomes import MEASURED, do, rows
 from optsc.study.scenes import LEVELS, Scene, grade, random_scene, scene_set
 
 WEIGHTED = Condition(

@@ -26,11 +26,10 @@ from optsc.study import (
     OperatorSpec,
     Scene,
     episode_key,
-    policy_jobs,
     random_scene,
 )
+from optsc.study.episode_setup import nearest_distance
 from optsc.study.libraries import library_of
-from optsc.study.outcomes import nearest_to
 from optsc.study.scenes import grade
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)], dtype=float)
@@ -90,7 +89,7 @@ def test_people_who_step_in_are_refused_before_anything_is_computed():
     cases = Cases(scenes=1, people=("typical", "mind-changing"))
     with pytest.raises(InvalidValue, match="typical, patient"):
         cases.jobs([PAPER])
-    assert len(policy_jobs(cases, [])) == 2
+    assert len(cases.policy_jobs([])) == 2
 
 
 def test_the_help_names_every_kind_of_people():
@@ -202,10 +201,10 @@ def test_the_clearance_of_a_row_is_also_that_to_own_objects():
     X_WG = Pose(np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.5, -0.15, 0.115]))
     above = solve_ik(stage.robot, X_WG, seeds=stage.robot.home).q.reshape(1, -1)
     near, alone = (
-        nearest_to(stage),
+        nearest_distance(stage),
         EpisodeSetup(Scene("panda", ("can",), scene.places[:1], "can"), EpisodeSettings()),
     )
-    assert near(above)[0] < 0.02 < nearest_to(alone)(above)[0]
+    assert near(above)[0] < 0.02 < nearest_distance(alone)(above)[0]
 
 
 def test_an_error_in_a_worker_comes_back_as_what_it_was():

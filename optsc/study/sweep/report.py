@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optsc.study.approach_report import ways
+from optsc.study.cases import Job
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition
-from optsc.study.outcomes import Job, Row
+from optsc.study.outcomes import Row
 from optsc.study.results_folder import save_rows, save_summary
 from optsc.study.stability import Stability, stability
 from optsc.study.sweep.results import (
@@ -49,7 +50,7 @@ LISTED = 30
 
 def save_report(
     rows: Sequence[Row],
-    jobs: Sequence[Job],
+    jobs: Sequence[Job[Condition]],
     objectives: Mapping[str, str],
     output: Path,
     command: str,
@@ -97,7 +98,7 @@ def save_report(
 
 
 def stability_of_front(
-    settings: DataFrame, jobs: Sequence[Job], trade_off: Mapping[str, float], cases: int, seed: int
+    settings: DataFrame, jobs: Sequence[Job[Condition]], trade_off: Mapping[str, float], cases: int, seed: int
 ) -> list[Stability]:
     """Return how stable rankings of the paper, the ends of the front and its knee are in so many cases, arm by arm."""
     found: list[Stability] = []
@@ -126,7 +127,7 @@ def build(
     command: str,
     *,
     rows: Sequence[Row] = (),
-    jobs: Sequence[Job] = (),
+    jobs: Sequence[Job[Condition]] = (),
 ) -> Report:
     """Return the page.
 
@@ -265,7 +266,7 @@ def motions(
     robot: str,
     settings: DataFrame,
     rows: DataFrame,
-    jobs: Sequence[Job],
+    jobs: Sequence[Job[Condition]],
     reference: Condition = PAPER,
 ) -> list[Picture | str]:
     """Return modes over time and the path of the tool, under the shown settings and the reference, in one scene.
@@ -297,7 +298,9 @@ def motions(
     ]
 
 
-def _most_telling(robot: str, names: Sequence[str], rows: DataFrame, jobs: Sequence[Job]) -> Job | None:
+def _most_telling(
+    robot: str, names: Sequence[str], rows: DataFrame, jobs: Sequence[Job[Condition]]
+) -> Job[Condition] | None:
     """Return the job with the most different grasps under conditions of these ``names``, all of which arrive."""
     arrived = rows[(rows["robot"] == robot) & rows["condition"].isin(names) & rows["arrived"].astype(bool)]
     complete = arrived.groupby(CASE)["condition"].nunique() == len(names)
@@ -306,7 +309,7 @@ def _most_telling(robot: str, names: Sequence[str], rows: DataFrame, jobs: Seque
     if not counts:
         return None
 
-    def different_grasps(job: Job) -> int:
+    def different_grasps(job: Job[Condition]) -> int:
         return counts.get((job.scene.hash, job.person.kind, job.person.seed), 0)
 
     best = max(jobs, key=different_grasps)
