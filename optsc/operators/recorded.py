@@ -7,16 +7,17 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import as_file, files
-from math import isfinite
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.checks import ArrayOf, Below, Checked, Finite, Positive, require
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
-from optsc.operators.sample import UNIT_TOLERANCE, OperatorSample, OperatorView
+from optsc.operators.sample import DEVICE_UNIT_TOLERANCE, OperatorSample, OperatorView
 
 COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 """Columns of a recording: time [s], position of the hand in S [m], unit quaternion."""
@@ -25,7 +26,7 @@ SWITCHES = ("clutch", "trigger")
 
 
 @dataclass(frozen=True, eq=False)
-class HandRecording:
+class HandRecording(Checked):
     """The motion of a hand.
 
     Attributes:
@@ -35,27 +36,21 @@ class HandRecording:
         trigger: whether the trigger was pressed (N,).
     """
 
-    time: Array
+    time: Annotated[Array, ArrayOf("N", least=1), Finite]
     X_SH: Pose
-    clutch: np.ndarray
-    trigger: np.ndarray
+    clutch: Annotated[np.ndarray, ArrayOf("N", dtype=bool)]
+    trigger: Annotated[np.ndarray, ArrayOf("N", dtype=bool)]
 
     def __post_init__(self) -> None:
-        time = np.array(self.time, dtype=float)
-        if time.ndim != 1 or len(time) == 0 or not np.all(np.isfinite(time)):
-            raise InvalidValue("time of the recording", time.shape, "finite, shape (N,), at least one sample")
-        if np.any(np.diff(time) <= 0.0):
-            row = int(np.argmax(np.diff(time) <= 0.0)) + 1
-            raise InvalidValue(f"time of sample {row}", float(time[row]), f"above {time[row - 1]} s")
-        object.__setattr__(self, "time", time)
-        for name in SWITCHES:
-            object.__setattr__(self, name, np.array(getattr(self, name), dtype=bool))
-            if getattr(self, name).shape != time.shape:
-                raise InvalidValue(name, getattr(self, name).shape, f"shape {time.shape}, as time")
-            getattr(self, name).flags.writeable = False
-        if self.X_SH.shape != time.shape:
-            raise InvalidValue("poses of the recording", self.X_SH.shape, f"shape {time.shape}, as time")
-        time.flags.writeable = False
+        super().__post_init__()
+        steps = np.diff(self.time)
+        if np.any(steps <= 0.0):
+            row = int(np.argmax(steps <= 0.0)) + 1
+            raise InvalidValue(
+                f"time of sample {row}", float(self.time[row]), f"above {self.time[row - 1]} s"
+            )
+        if self.X_SH.shape != self.time.shape:
+            raise InvalidValue("HandRecording.X_SH", self.X_SH.shape, f"shape {self.time.shape}, as time")
 
     @classmethod
     def from_array(
@@ -72,7 +67,7 @@ class HandRecording:
             row = int(np.argmin(np.all(np.isfinite(table), axis=1)))
             raise InvalidValue(f"sample {row}", table[row].tolist(), "finite")
         norm = np.linalg.norm(table[:, 4:], axis=1)
-        if np.any(np.abs(norm - 1.0) > UNIT_TOLERANCE):
+        if np.any(np.abs(norm - 1.0) > DEVICE_UNIT_TOLERANCE):
             row = int(np.argmax(np.abs(norm - 1.0)))
             raise InvalidValue(
                 f"quaternion of sample {row}", table[row, 4:].tolist(), "of unit norm within 1e-3"
@@ -157,8 +152,8 @@ class Recorded:
 
     Args:
         recording: the hand's motion.
-        reengage_every: let go of the clutch this often [s]; None: as recorded.
-        release: for how long it is let go of [s].
+        reengage_every: open the clutch this often [s]; None: as recorded.
+        release: for how long it is open [s].
 
     Raises `InvalidValue` unless 0 < release < reengage_every.
     """
@@ -166,10 +161,9 @@ class Recorded:
     def __init__(
         self, recording: HandRecording, reengage_every: float | None = None, release: float = 0.1
     ) -> None:
-        if reengage_every is not None and not (isfinite(reengage_every) and 0.0 < release < reengage_every):
-            raise InvalidValue(
-                "release", release, f"above 0 and below reengage_every = {reengage_every} s, finite"
-            )
+        if reengage_every is not None:
+            require("reengage_every", reengage_every, Positive)
+            require("release", release, Positive, Below(reengage_every))
         self.recording = recording
         self._time: list[float] = (recording.time - recording.time[0]).tolist()
         self._every, self._release = reengage_every, release

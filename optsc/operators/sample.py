@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 from optsc.geometry import Pose
 
-UNIT_TOLERANCE = 1e-3
+DEVICE_UNIT_TOLERANCE = 1e-3
 """How far the norm of a device's quaternion may be from one [-].
 
 Wide enough for single precision and for the three or four decimals of a text file, narrow enough to catch a
@@ -92,7 +92,7 @@ def fault_of(sample: OperatorSample, previous_stamp: float | None) -> str | None
 
     Refused are: a stamp that is not finite or earlier than ``previous_stamp`` (None before the first sample),
     a position that is not finite or beyond `POSITION_RANGE`, an orientation that is not finite or not of unit
-    norm within `UNIT_TOLERANCE`, a batch of poses, and a nudge that is not six numbers up to `LARGEST_NUDGE`. An
+    norm within `DEVICE_UNIT_TOLERANCE`, a batch of poses, and a nudge that is not six numbers up to `LARGEST_NUDGE`. An
     equal stamp is no fault: it is a tracker that stands still, which is a matter of the sample's age.
 
     Called at every control tick: it never raises on a well-typed sample and costs about a microsecond,
@@ -111,7 +111,7 @@ def fault_of(sample: OperatorSample, previous_stamp: float | None) -> str | None
         return f"hand position is ({x:.6g}, {y:.6g}, {z:.6g}) m, not finite or beyond {POSITION_RANGE:g} m"
     w, i, j, k = X_SH.quaternion.tolist()
     square = w * w + i * i + j * j + k * k
-    if not (1.0 - UNIT_TOLERANCE) ** 2 <= square <= (1.0 + UNIT_TOLERANCE) ** 2:
+    if not (1.0 - DEVICE_UNIT_TOLERANCE) ** 2 <= square <= (1.0 + DEVICE_UNIT_TOLERANCE) ** 2:
         return f"hand orientation is ({w:.6g}, {i:.6g}, {j:.6g}, {k:.6g}), not a unit quaternion"
     if sample.nudge is not None:
         return _nudge_fault(sample.nudge)

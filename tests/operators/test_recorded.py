@@ -96,7 +96,7 @@ def test_a_file_is_read_with_its_columns_in_any_order_and_switches_if_it_has_the
     [
         ("", "no column named t"),
         ("t,x,y,z\n", "qw"),
-        (HEADER + "\n", "at least one sample"),
+        (HEADER + "\n", "at least 1 rows"),
         (HEADER + "\n0,0,0,0,1,0,0\n", "7 entries"),
         (HEADER + "\n0,0,0,0,1,0,0,zero\n", "zero"),
         (HEADER + "\n0,0,0,0,1,0,0,nan\n", "sample 0"),
@@ -135,7 +135,7 @@ def test_switches_of_another_length_are_refused():
         HandRecording.from_array(spiral(), clutch=[True])
 
 
-def test_the_recording_that_comes_along_is_forty_seconds_of_a_brisk_hand():
+def test_the_recording_that_comes_along_is_forty_seconds_of_a_quick_hand():
     recording = HandRecording.example()
     assert len(recording) == 2000
     assert recording.duration == pytest.approx(39.98)

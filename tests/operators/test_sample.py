@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optsc.geometry import Pose
-from optsc.operators.sample import POSITION_RANGE, UNIT_TOLERANCE, OperatorSample, fault_of
+from optsc.operators.sample import DEVICE_UNIT_TOLERANCE, POSITION_RANGE, OperatorSample, fault_of
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 PLACE = np.array([0.3, -0.2, 1.1])
@@ -54,7 +54,7 @@ def test_an_orientation_that_is_none_is_named(bad):
 
 
 @pytest.mark.parametrize(
-    ("norm", "good"), [(1 + 0.9 * UNIT_TOLERANCE, True), (1 + 1.1 * UNIT_TOLERANCE, False)]
+    ("norm", "good"), [(1 + 0.9 * DEVICE_UNIT_TOLERANCE, True), (1 + 1.1 * DEVICE_UNIT_TOLERANCE, False)]
 )
 def test_the_norm_of_a_quaternion_is_held_to_the_tolerance(norm, good):
     assert (fault_of(sample(quaternion=[0.0, norm, 0.0, 0.0]), None) is None) == good
