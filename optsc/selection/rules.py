@@ -114,13 +114,13 @@ class Rule(ABC):
 
     @property
     @abstractmethod
-    def stages(self) -> tuple[str, ...]:
-        """What each stage is called."""
-
-    @property
-    @abstractmethod
     def deciding_cost(self) -> GraspCost:
         """The cost that names the winner among those left at the end."""
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """What each stage is called: by default there is one, called after the deciding cost."""
+        return (self.deciding_cost.name,)
 
     @abstractmethod
     def select(self, situation: Situation, admissible: np.ndarray) -> Selection:
@@ -219,11 +219,6 @@ class WeightedSum(Rule):
     def costs(self) -> tuple[GraspCost, ...]:
         """The costs whose weight is not zero."""
         return tuple(cost for cost, weight in self.terms if weight)
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """The one stage."""
-        return (self.deciding_cost.name,)
 
     @property
     def deciding_cost(self) -> GraspCost:
