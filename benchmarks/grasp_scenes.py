@@ -15,7 +15,8 @@ from optsc.geometry.rotation import Array
 from optsc.perception import Segment, segment_image
 from optsc.robot import RobotModel
 from optsc.sim import ObjectModel, Tabletop, tabletop
-from optsc.sim.bullet_bodies import add_object, bullet_pose, connect, inertia
+from optsc.sim.bullet_bodies import add_object, inertia
+from optsc.sim.bullet_client import BulletClient, body_pose, place_body
 from optsc.sim.camera import DepthCamera
 from optsc.sim.depth_noise import DepthNoise
 from optsc.sim.objects.solids import hull, union
@@ -85,22 +86,19 @@ def _groups(text: str) -> list[Array]:
 
 def _at_rest(model: ObjectModel, X_WO: Pose, longest: float = 4.0) -> Pose:
     """Return where the object comes to rest when it falls onto the plane z = 0."""
-    client = connect()
-    try:
+    with BulletClient() as simulation:
+        client = simulation.client
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=client)
         shape = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
         pybullet.createMultiBody(0.0, shape, physicsClientId=client)
         X_OM = inertia(model.mesh, model.mass).X_OM
         body = add_object(client, model, Pose.identity())
-        pybullet.resetBasePositionAndOrientation(body, *bullet_pose(X_WO @ X_OM), physicsClientId=client)
+        place_body(client, body, X_WO @ X_OM)
         for damping in (0.3, 0.0):  # without any at the end, as it will be handled
             pybullet.changeDynamics(body, -1, angularDamping=damping, physicsClientId=client)
             for _ in range(round(0.5 * longest * 240)):
                 pybullet.stepSimulation(physicsClientId=client)
-        position, xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=client)
-        return Pose(np.roll(xyzw, 1), np.array(position)) @ X_OM.inverse()
-    finally:
-        pybullet.disconnect(client)
+        return body_pose(client, body) @ X_OM.inverse()
 
 
 def single_view(robot: RobotModel, model: ObjectModel, seed: int) -> View | None:

@@ -5,8 +5,6 @@ Numbers go into PyBullet as floats and lists: several of its functions crash on 
 
 from __future__ import annotations
 
-import os
-import sys
 import tempfile
 import zlib
 from collections.abc import Iterable
@@ -18,13 +16,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pybullet
 
-from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.robot.urdf import read_urdf
+from optsc.sim.bullet_client import bullet_pose
 from optsc.sim.objects import ObjectModel
-from optsc.sim.settings import GRAVITY
 
 MARGIN = 1e-3
 """PyBullet rounds every convex mesh outwards by this much [m] which cannot be changed."""
@@ -105,52 +102,6 @@ def wavefront(parts: Iterable[TriangleMesh]) -> str:
         lines += [f"f {a + first} {b + first} {c + first}" for a, b, c in part.faces.tolist()]
         first += len(part.vertices)
     return "\n".join(lines) + "\n"
-
-
-def connect(gui: bool = False) -> int:
-    """Start a separate simulation, with a window if ``gui``; return PyBullet's number of it.
-
-    Raises:
-        InvalidValue: a window where there is no display, or more simulations than PyBullet can have at once.
-    """
-    if gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        # PyBullet would end the process.
-        raise InvalidValue("gui", gui, "False where there is no display (DISPLAY is not set)")
-    client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
-    if client < 0:
-        raise InvalidValue("PyBullet client", client, "at least 0: close simulations that are no longer used")
-    return client
-
-
-def set_physics(client: int, time_step: float, solver_iterations: int) -> None:
-    """Give the simulation ``client`` gravity, its step [s] and its contact solver's iterations."""
-    pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=client)
-    pybullet.setPhysicsEngineParameter(
-        fixedTimeStep=time_step,
-        numSolverIterations=solver_iterations,
-        deterministicOverlappingPairs=1,
-        physicsClientId=client,
-    )
-
-
-def bullet_pose(X: Pose) -> tuple[list[float], list[float]]:
-    """Return the position and the quaternion (x, y, z, w) that PyBullet takes."""
-    return X.translation.tolist(), np.roll(X.quaternion, -1).tolist()
-
-
-def body_pose(client: int, body: int) -> Pose:
-    """Return the pose X_WM of a body's principal frame of mass."""
-    position, xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=client)
-    return Pose(np.roll(xyzw, 1), np.array(position))
-
-
-def place_body(client: int, body: int, X_WM: Pose) -> None:
-    """Put a body's principal frame of mass at ``X_WM``.
-
-    PyBullet makes a body at the pose of its frame O but moves it by the pose of its mass.
-    """
-    position, orientation = bullet_pose(X_WM)
-    pybullet.resetBasePositionAndOrientation(body, position, orientation, physicsClientId=client)
 
 
 def colour(name: str) -> tuple[float, float, float]:

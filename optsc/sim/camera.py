@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import TracebackType
 
 import numpy as np
 import pybullet
 from numpy.typing import ArrayLike
 
-from optsc.errors import Closed, InvalidValue, UnknownName
+from optsc.checks import Positive, require
+from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import DepthImage, PinholeCamera, Pose, look_at
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.sim import bullet_bodies
 from optsc.sim.bullet_arm import BulletArm
+from optsc.sim.bullet_client import BulletClient, place_body
 from optsc.sim.depth_noise import DepthNoise, measured_depth
 from optsc.sim.objects import ObjectModel
 from optsc.sim.physics import Physics
@@ -46,8 +47,7 @@ def view_of_table(
     Raises:
         InvalidValue: a distance that is not above 0, or a camera straight above or below.
     """
-    if not 0.0 < distance < float("inf"):
-        raise InvalidValue("distance", distance, "finite, more than 0 m")
+    require("distance", distance, Positive)
     band = comfortable_band(robot)
     target = np.array([0.5 * (band.inner + band.outer), 0.0, 0.06])
     level = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
@@ -77,7 +77,7 @@ class CameraView:
         return self.labels == self.names.index(name)
 
 
-class DepthCamera:
+class DepthCamera(BulletClient):
     """A depth camera that stands in a simulated world; a context manager.
 
     It renders from configurations and poses alone, in a separate simulation, so that it serves any follower
@@ -93,6 +93,8 @@ class DepthCamera:
         InvalidValue: no single pose.
     """
 
+    _kind = "camera"
+
     def __init__(
         self,
         world: Tabletop,
@@ -105,13 +107,13 @@ class DepthCamera:
         if self.X_WC.shape != ():
             raise InvalidValue("X_WC", self.X_WC.shape, "a single pose")
         self.noise = DepthNoise() if noise is None else noise
-        self._client: int | None = bullet_bodies.connect()
+        super().__init__()
         try:
-            table = bullet_bodies.add_table(self._client)
-            self._arm = BulletArm(self._client, world.robot, PhysicsSettings(), visible=True)
+            table = bullet_bodies.add_table(self.client)
+            self._arm = BulletArm(self.client, world.robot, PhysicsSettings(), visible=True)
             self._objects = {
                 name: (
-                    bullet_bodies.add_object(self._client, model, world.X_WO[name], visible=True),
+                    bullet_bodies.add_object(self.client, model, world.X_WO[name], visible=True),
                     bullet_bodies.inertia(model.mesh, model.mass).X_OM,
                 )
                 for name, model in world.objects.items()
@@ -149,11 +151,9 @@ class DepthCamera:
             UnknownName: a pose for an object that the world does not have.
             Closed: after `close`.
         """
-        if self._client is None:
-            raise Closed("camera")
-        self._arrange(self._client, q, opening, {**self.world.X_WO, **(X_WO or {})})
+        self._arrange(self.client, q, opening, {**self.world.X_WO, **(X_WO or {})})
         X_WC = self.X_WC if X_WC is None else X_WC
-        depth, bodies = rendered(self._client, self.camera, X_WC)
+        depth, bodies = rendered(self.client, self.camera, X_WC)
         labels = self._label_of[bodies]
         depth[labels == NOTHING] = np.nan
         seen = depth if rng is None else measured_depth(depth, self.camera, self.noise, rng)
@@ -197,31 +197,14 @@ class DepthCamera:
         self._arm.place(configuration.tolist(), opening)
         for name, pose in X_WO.items():
             body, X_OM = self._objects[name]
-            bullet_bodies.place_body(client, body, pose @ X_OM)
-
-    def close(self) -> None:
-        """Free what was loaded; closing again does nothing."""
-        if self._client is not None:
-            client, self._client = self._client, None
-            pybullet.disconnect(physicsClientId=client)
-
-    def __enter__(self) -> DepthCamera:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+            place_body(client, body, pose @ X_OM)
 
 
 def silhouette(model: ObjectModel, X_WO: Pose, camera: PinholeCamera, X_WC: Pose) -> np.ndarray:
     """Return where an object alone would be seen in an image (H, W) bool."""
-    client = bullet_bodies.connect()
-    try:
-        body = bullet_bodies.add_object(client, model, X_WO, visible=True)
-        return rendered(client, camera, X_WC)[1] == body
-    finally:
-        pybullet.disconnect(physicsClientId=client)
+    with BulletClient() as alone:
+        body = bullet_bodies.add_object(alone.client, model, X_WO, visible=True)
+        return rendered(alone.client, camera, X_WC)[1] == body
 
 
 def rendered(client: int, camera: PinholeCamera, X_WC: Pose) -> tuple[Array, np.ndarray]:

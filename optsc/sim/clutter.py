@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import pybullet
 
+from optsc.checks import AtLeast, Below, Between, Share, require
 from optsc.errors import InvalidValue, SolverFailure
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.sim import bullet_bodies
+from optsc.sim.bullet_client import BulletClient, body_pose, place_body
 from optsc.sim.objects import OBJECT_NAMES, ObjectModel, object_model
 from optsc.sim.settings import PhysicsSettings
 from optsc.sim.tabletop import Tabletop
@@ -71,25 +73,19 @@ def cluttered_tabletop(
         UnknownName: there is no object of that name.
         SolverFailure: nothing came to rest in many tries.
     """
-    if not 0.0 <= lying <= 1.0:
-        raise InvalidValue("lying", lying, "0 to 1")
-    if not 0.0 <= gap < 0.2:
-        raise InvalidValue("gap", gap, "0 to 0.2 m")
-    if not 0.3 <= spread <= 3.0:
-        raise InvalidValue("spread", spread, "0.3 to 3")
+    require("lying", lying, Share)
+    require("gap", gap, AtLeast(0.0), Below(0.2))
+    require("spread", spread, Between(0.3, 3.0))
     rng = np.random.default_rng(seed)
     models = _drawn(objects, rng)
-    client = bullet_bodies.connect()
-    try:
-        table = _SettlingTable(client, models)
+    with BulletClient() as simulation:
+        table = _SettlingTable(simulation, models)
         for _ in range(_SCENES):
             if table.put_down(robot, rng, lying, gap, spread) and table.settled():
                 break
         else:
             raise SolverFailure(f"{[m.name for m in models]} did not come to rest in {_SCENES} tries")
         poses = table.poses()
-    finally:
-        pybullet.disconnect(physicsClientId=client)
     world = Tabletop(robot, {m.name: m for m in models}, poses, int(seed))
     upright = {name for name, X in poses.items() if X.rotation_matrix()[2, 2] > 0.98}
     return ClutteredScene(world, _hovering(world, rng), frozenset(poses) - upright)
@@ -106,17 +102,22 @@ def _drawn(objects: Sequence[str | ObjectModel] | None, rng: np.random.Generator
 
 
 class _SettlingTable:
-    """A table with objects but without an arm in PyBullet's simulation ``client``."""
+    """A simulated table with objects but without an arm."""
 
-    def __init__(self, client: int, models: Sequence[ObjectModel]) -> None:
-        self._client, self._models, settings = client, models, PhysicsSettings()
-        bullet_bodies.set_physics(client, settings.time_step, settings.solver_iterations)
-        bullet_bodies.add_table(client)
+    def __init__(self, simulation: BulletClient, models: Sequence[ObjectModel]) -> None:
+        self._client, self._models, settings = simulation.client, models, PhysicsSettings()
+        simulation.set_physics(settings.time_step, settings.solver_iterations)
+        bullet_bodies.add_table(self._client)
         away = Pose.from_translation([0.0, 0.0, 5.0])
-        self._bodies = [bullet_bodies.add_object(client, model, away) for model in models]
+        self._bodies = [bullet_bodies.add_object(self._client, model, away) for model in models]
         for body in self._bodies:  # what rolls would roll for minutes
             pybullet.changeDynamics(
-                body, -1, linearDamping=0.5, angularDamping=0.9, rollingFriction=2e-4, physicsClientId=client
+                body,
+                -1,
+                linearDamping=0.5,
+                angularDamping=0.9,
+                rollingFriction=2e-4,
+                physicsClientId=self._client,
             )
         self._X_OM = [bullet_bodies.inertia(m.mesh, m.mass).X_OM for m in models]
 
@@ -143,7 +144,7 @@ class _SettlingTable:
         return True
 
     def _move(self, i: int, X_WO: Pose) -> None:
-        bullet_bodies.place_body(self._client, self._bodies[i], X_WO @ self._X_OM[i])
+        place_body(self._client, self._bodies[i], X_WO @ self._X_OM[i])
         pybullet.resetBaseVelocity(self._bodies[i], [0.0] * 3, [0.0] * 3, physicsClientId=self._client)
 
     def _free(self, i: int, gap: float) -> bool:
@@ -174,10 +175,7 @@ class _SettlingTable:
     def poses(self) -> dict[str, Pose]:
         """Return X_WO of the objects."""
         rows = zip(self._models, self._bodies, self._X_OM, strict=True)
-        return {
-            model.name: bullet_bodies.body_pose(self._client, body) @ X_OM.inverse()
-            for model, body, X_OM in rows
-        }
+        return {model.name: body_pose(self._client, body) @ X_OM.inverse() for model, body, X_OM in rows}
 
 
 def _attitude(rng: np.random.Generator, lying: bool) -> Array:

@@ -23,7 +23,8 @@ from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.robot import PANDA_HAND, urdf
 from optsc.sim.bullet_arm import couple, drive_jaws, prepare_pads
-from optsc.sim.bullet_bodies import add_object, body_pose, bullet_pose, connect, set_physics
+from optsc.sim.bullet_bodies import add_object
+from optsc.sim.bullet_client import BulletClient, body_pose, bullet_pose
 from optsc.sim.objects import ObjectModel
 
 _SETTLE = 0.5  # [s]
@@ -284,16 +285,14 @@ class FloatingHand:
 @contextmanager
 def _ground(settings: TrialSettings) -> Iterator[int]:
     """A separate simulation with a plane."""
-    client = connect()
-    try:
-        set_physics(client, settings.time_step, settings.solver_iterations)
+    with BulletClient() as simulation:
+        client = simulation.client
+        simulation.set_physics(settings.time_step, settings.solver_iterations)
         shape = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
         plane = pybullet.createMultiBody(0.0, shape, physicsClientId=client)
         # PyBullet multiplies the coefficients of two bodies: one leaves the object's own in force.
         pybullet.changeDynamics(plane, -1, lateralFriction=1.0, physicsClientId=client)
         yield client
-    finally:
-        pybullet.disconnect(client)
 
 
 def _distance(start: Pose, end: Pose) -> float:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
 
 import numpy as np
 import pybullet
 from numpy.typing import ArrayLike
 
-from optsc.errors import Closed, InvalidValue, UnknownName
+from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.sim import bullet_bodies
 from optsc.sim.bullet_arm import BulletArm
+from optsc.sim.bullet_client import BulletClient
 from optsc.sim.settings import PhysicsSettings
 from optsc.sim.tabletop import Tabletop
 
 
-class Physics:
+class Physics(BulletClient):
     """The running simulation of a `Tabletop`; a context manager. Nothing moves but in `step`.
 
     Args:
@@ -33,8 +33,8 @@ class Physics:
     def __init__(
         self, world: Tabletop, *, gui: bool = False, settings: PhysicsSettings | None = None
     ) -> None:
+        super().__init__(gui)
         self.world, self.settings, self._gui = world, settings or PhysicsSettings(), gui
-        self._client: int | None = bullet_bodies.connect(gui)
         try:
             if gui:
                 self._arrange_window()
@@ -43,13 +43,6 @@ class Physics:
             self.close()
             raise
 
-    @property
-    def client(self) -> int:
-        """PyBullet's number of this simulation, for its own functions; raise `Closed` after `close`."""
-        if self._client is None:
-            raise Closed("simulation")
-        return self._client
-
     def _arrange_window(self) -> None:
         pybullet.configureDebugVisualizer(pybullet.COV_ENABLE_GUI, 0, physicsClientId=self.client)
         pybullet.resetDebugVisualizerCamera(1.4, 125.0, -30.0, [0.3, 0.0, 0.1], physicsClientId=self.client)
@@ -57,7 +50,7 @@ class Physics:
     def _build(self) -> None:
         client, world, settings = self.client, self.world, self.settings
         pybullet.resetSimulation(physicsClientId=client)
-        bullet_bodies.set_physics(client, settings.time_step, settings.solver_iterations)
+        self.set_physics(settings.time_step, settings.solver_iterations)
         self._table, self._floor = bullet_bodies.add_table(client)
         # Friction of velocities alone lets objects at rest creep and turn, 0.2 mm and 5 mrad in 5 s.
         pybullet.changeDynamics(self._table, -1, frictionAnchor=1, physicsClientId=client)
@@ -113,12 +106,12 @@ class Physics:
 
     def joints(self) -> tuple[Array, Array]:
         """Return positions (n,) [rad] and velocities (n,) [rad/s] of the arm's joints."""
-        self._check_open()
+        _ = self.client
         return self._arm.state()
 
     def opening(self) -> float:
         """Return the distance between the pads [m]; 0 for an arm without a gripper."""
-        self._check_open()
+        _ = self.client
         return self._arm.opening()
 
     def poses(self) -> dict[str, Pose]:
@@ -151,23 +144,3 @@ class Physics:
 
     def _name_of(self, body: int, link: int) -> str:
         return self._arm.link_names[link] if body == self._arm.body else self._names[body]
-
-    def _check_open(self) -> None:
-        if self._client is None:
-            raise Closed("simulation")
-
-    def close(self) -> None:
-        """End the simulation; closing again does nothing."""
-        if self._client is not None:
-            client, self._client = self._client, None
-            if pybullet.isConnected(physicsClientId=client):
-                pybullet.disconnect(physicsClientId=client)
-
-    def __enter__(self) -> Physics:
-        self._check_open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from optsc.checks import NonNegative, require
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
@@ -73,9 +74,8 @@ def tabletop(
     names = [model.name for model in models]
     if len(set(names)) < len(names):
         raise InvalidValue("objects", names, "each name once")
-    for field, value in (("spacing", spacing), ("gap", gap)):
-        if not 0.0 <= value < float("inf"):
-            raise InvalidValue(field, value, "finite, at least 0 m")
+    require("spacing", spacing, NonNegative)
+    require("gap", gap, NonNegative)
     band, rng = comfortable_band(robot), np.random.default_rng(seed)
     radii = np.array([np.linalg.norm(model.mesh.vertices[:, :2], axis=1).max() for model in models])
     apart = np.maximum(spacing, radii[:, None] + radii + gap)
