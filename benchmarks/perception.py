@@ -4,7 +4,7 @@
 
 Each scene has three to five objects, upright and lying, and an arm that hovers above them. They are segmented and
 registered from one depth image; the simulator's labels and poses only judge. An object counts if at least 40 % of the
-pixels that it would fill alone are left. Then every object is looked for again without its own template: whatever is
+pixels that it would fill alone are left. Then every object is registered again without its own template: whatever is
 found is wrong and has to be refused or called ambiguous.
 """
 
@@ -48,7 +48,7 @@ VISIBLE, GOOD, EXACT = 0.4, 0.005, 0.006
 LEAST_PIXELS = 60
 
 
-class View(NamedTuple):
+class SceneView(NamedTuple):
     """A scene, what the camera saw of it, and how much of each object was left to see."""
 
     scene: ClutteredScene
@@ -56,12 +56,12 @@ class View(NamedTuple):
     visible: dict[str, float]
 
 
-def seen(robot: RobotModel, seed: int, objects: tuple[str, ...] | None = None) -> View:
+def seen(robot: RobotModel, seed: int, objects: tuple[str, ...] | None = None) -> SceneView:
     """Return a random scene as the camera sees it."""
     scene = cluttered_tabletop(robot, seed, objects=objects)
     with DepthCamera(scene.world) as camera:
         view = camera.capture(scene.q, rng=np.random.default_rng([seed, 1]))
-        return View(scene, view, camera.unhidden_shares(view))
+        return SceneView(scene, view, camera.unhidden_shares(view))
 
 
 def true_segments(view: CameraView) -> tuple[Segment, ...]:
@@ -92,7 +92,7 @@ def errors(name: str, X_WO: Pose | None, result: Registration) -> dict[str, floa
     }
 
 
-def described(name: str, seed: int, view: View, result: Registration, pixels: int) -> dict[str, Any]:
+def described(name: str, seed: int, view: SceneView, result: Registration, pixels: int) -> dict[str, Any]:
     """Return one line of the results."""
     return {
         "seed": seed,

@@ -1,4 +1,4 @@
-"""Pictures of what is registered: the templates over the cloud, compensated clouds, and a handle that nobody saw.
+"""Pictures of what is registered: the templates over the cloud, compensated clouds, and a handle that is hidden.
 
 python -m benchmarks.perception_picture --seed 3 --output docs/images/registration.png
 """
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.perception import View, seen
+from benchmarks.perception import SceneView, seen
 from optsc.geometry import DepthImage, Pose
 from optsc.perception import (
     RegisteredSegment,
@@ -30,7 +30,7 @@ COLOURS = ("#d95f02", "#1b9e77", "#e7298a", "#66a61e", "#e6ab02", "#7570b3")
 SEEN, FILLED = "#2b5c8a", "#e8a33d"
 
 
-def recognised(seed: int, robot_name: str) -> tuple[View, tuple[RegisteredSegment, ...], np.ndarray]:
+def recognised(seed: int, robot_name: str) -> tuple[SceneView, tuple[RegisteredSegment, ...], np.ndarray]:
     """Return a scene, what was recognised in it, and the depth of the arm."""
     robot = load_robot(robot_name)
     view = seen(robot, seed)
@@ -81,7 +81,7 @@ def outlines(axes: Any, image: DepthImage, template_name: str, X_WO: Pose, colou
         axes.plot(u[[i, k]], v[[i, k]], color=colour, solid_capstyle="round", **style)
 
 
-def overview(axes: Any, view: View, found: tuple[RegisteredSegment, ...]) -> None:
+def overview(axes: Any, view: SceneView, found: tuple[RegisteredSegment, ...]) -> None:
     """Draw all registered templates over the depth image."""
     image = view.view.image
     axes.imshow(shaded(image), cmap="gray", vmin=0.0, vmax=1.0)
@@ -95,7 +95,7 @@ def overview(axes: Any, view: View, found: tuple[RegisteredSegment, ...]) -> Non
         outlines(axes, image, result.template, result.X_WO, colour, linewidth=1.2)
         for other in result.alternatives:
             outlines(axes, image, other.template, other.X_WO, "black", linewidth=0.7, linestyle=(0, (2, 2)))
-        doubt = f", {1 + len(result.alternatives)} ways" if result.ambiguous else ""
+        doubt = f", {1 + len(result.alternatives)} poses" if result.ambiguous else ""
         note = f"{result.template}{doubt}\n{100 * result.visible_fraction:.0f} % seen"
         box = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0}
         axes.text(
@@ -107,7 +107,7 @@ def overview(axes: Any, view: View, found: tuple[RegisteredSegment, ...]) -> Non
     axes.set_axis_off()
 
 
-def compensated(axes: Any, view: View, one: RegisteredSegment, arm: np.ndarray) -> None:
+def compensated(axes: Any, view: SceneView, one: RegisteredSegment, arm: np.ndarray) -> None:
     """Draw the compensated cloud of one object in its own frame, seen from behind the camera's back."""
     result = one.registration
     template = catalogue_template(str(result.template))
@@ -122,8 +122,8 @@ def compensated(axes: Any, view: View, one: RegisteredSegment, arm: np.ndarray) 
     mask = cloud.seen_mask
     axes.scatter(*points[mask][::3].T, s=1.0, color=SEEN, depthshade=False)
     axes.scatter(*points[~mask].T, s=2.5, color=FILLED, depthshade=False)
-    look = X_WO.translation - image.X_WC.translation
-    axes.view_init(elev=22, azim=float(np.degrees(np.arctan2(-look[1], -look[0]))) + 75)
+    sight = X_WO.translation - image.X_WC.translation
+    axes.view_init(elev=22, azim=float(np.degrees(np.arctan2(-sight[1], -sight[0]))) + 75)
     axes.set_box_aspect(np.ptp(points, axis=0))
     axes.set_axis_off()
     axes.set_title(f"{template.name}: {mask.sum()} seen, {(~mask).sum()} filled in", fontsize=9, y=0.98)

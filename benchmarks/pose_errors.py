@@ -20,7 +20,7 @@ def surface_distance(template: Template, X_true: Pose, X_found: Pose) -> float:
 def surface_tail(template: Template, X_true: Pose, X_found: Pose) -> float:
     """Return how far the twentieth of the surface sticks out that does so farthest [m], in the worse direction.
 
-    ADD-S averages over the whole surface: a mug whose handle points the wrong way is 1 to 2 mm off by it, but about
+    ADD-S averages over the whole surface: a mug whose handle points elsewhere is 1 to 2 mm off by it, but about
     20 mm by this.
     """
     X = X_found.inverse() @ X_true

@@ -1,4 +1,4 @@
-"""How well objects of cluttered tables are told apart from depth alone, and what every step costs.
+"""How well objects of cluttered tables are segmented from depth alone, and what every step costs.
 
     python -m benchmarks.segmentation --scenes 50 --output results --picture docs/images/perception.png
 
@@ -63,7 +63,7 @@ class Clock:
         return result
 
 
-def looked_at(scene: ClutteredScene, camera: PinholeCamera, seed: int, clock: Clock) -> Seen:
+def observed(scene: ClutteredScene, camera: PinholeCamera, seed: int, clock: Clock) -> Seen:
     """Return what is seen of a scene, each step timed."""
     robot, q = scene.world.robot, scene.q
     with DepthCamera(scene.world, camera=camera) as looking:
@@ -137,7 +137,7 @@ def main(arguments: list[str] | None = None) -> int:
     for seed in range(FIRST_SEED, FIRST_SEED + options.scenes):
         scene = cluttered_tabletop(robot, seed)
         for name, camera in cameras.items():
-            seen = looked_at(scene, camera, seed, clocks[name])
+            seen = observed(scene, camera, seed, clocks[name])
             overlaps[name] += judged(scene, seen)
     first = next(iter(cameras))
     found = overlaps[first]
@@ -156,7 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
         from optsc.viewers.figure_perception import save_perception_figure
 
         scene = cluttered_tabletop(robot, options.pictured)
-        seen = looked_at(scene, cameras[first], options.pictured, Clock())
+        seen = observed(scene, cameras[first], options.pictured, Clock())
         save_perception_figure(options.picture, seen.view, seen.segments, seen.arm, seen.predicted)
     return 0
 

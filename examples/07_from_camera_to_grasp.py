@@ -1,4 +1,4 @@
-"""A scene that nobody told the controller about: a depth image in, grasps out; then somebody moves the can."""
+"""A scene that the controller knows nothing about: a depth image in, grasps out; then the can is moved."""
 
 import sys
 from pathlib import Path
@@ -18,30 +18,30 @@ observer = SceneObserver(robot, catalogue_templates(("mug", "can", "box")))
 rng = np.random.default_rng(0)
 
 
-def tell(events):
+def report(events):
     for event in events:
         print(f"  {event.name}: {event.kind.value} ({event.words})")
 
 
 with DepthCamera(world) as camera:
-    # All that the observer gets: a depth image, and the arm's measured posture.
+    # All that the observer gets: a depth image, and the arm's measured configuration.
     first = camera.capture(robot.home, rng=rng).image
-    memory, events = observer.observe(SceneState(), first, robot.home)
-    print("the first look:")
-    tell(events)
+    state, events = observer.observe(SceneState(), first, robot.home)
+    print("the first image:")
+    report(events)
 
     moved = {"can": Pose.from_translation([-0.04, 0.03, 0.0]) @ world.X_WO["can"]}
     image = camera.capture(robot.home, X_WO=moved, rng=rng, stamp=0.5).image
-    after, events = observer.observe(memory, image, robot.home)
+    after, events = observer.observe(state, image, robot.home)
     print("after the can was moved:")
-    tell(events)
-    print(f"  its grasps are the very same set: {after.library['can'] is memory.library['can']}")
+    report(events)
+    print(f"  its grasps are the very same set: {after.library['can'] is state.library['can']}")
 
-# What a controller is told is candidates, as from any other source of grasps.
+# What a controller gets is candidates, as from any other source of grasps.
 selector = optsc.GraspSelector(robot)
 ranking = selector.rank(robot.forward(robot.home), robot.home, after.place())
 print(f"the best of {len(after.place())} grasps is one of the {ranking.best}")
 
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "seen.png")
-save_figure(seen_figure(memory, first), path)
+save_figure(seen_figure(state, first), path)
 print(f"picture: {path}")

@@ -43,10 +43,8 @@ def complete_cloud(
 
     Args:
         cloud_W: measured points, in W.
-        template: the shape.
         X_WO: where it was registered.
         image: what was measured; without it no point of the template is left out for being seen through.
-        robot_depth: see `free_space`.
         alternatives: other poses of the same template that explain the view as well: what they do not agree about, such
             as a mug's hidden handle, is not filled in.
         spacing: from one point of the template to the next, about [m].

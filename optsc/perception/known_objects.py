@@ -127,10 +127,6 @@ def estimate_object(
     """Return what a segment is taken for: a placed template, what several have in common, or just the seen points.
 
     Args:
-        segment: of the observation.
-        registration: of the segment.
-        templates: by name.
-        observation: the image and the arm in it.
         X_before: of the poses in which the shape looks the same, that is taken which is turned least from this one:
             from upright by default.
     """
@@ -176,10 +172,7 @@ def grasps_of(
     """Return grasps of an object among what else was seen, above the table.
 
     Args:
-        name: of the object.
-        estimate: what it is taken for.
         observation: what else was seen.
-        gripper: that grasps.
         facts: kept in the set's provenance, beside what it was made from and when.
         seed: same arguments and seed, same grasps.
         settings: by default `AntipodalSettings.for_clouds`.

@@ -68,7 +68,6 @@ class SceneObserver:
     Args:
         robot: the arm, with a gripper; it is left out of the images and hides what is behind it.
         templates: shapes that are known beforehand; may be empty.
-        settings: how a scene is observed.
         seed: same images and seed, same state.
 
     Raises:

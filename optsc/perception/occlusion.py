@@ -60,9 +60,7 @@ def robot_depth(
     The arm is never farther than said nor in a pixel that is said to be free of it.
 
     Args:
-        robot: the arm.
         q: its measured configuration (n,) [rad].
-        camera, X_WC: intrinsics and pose of the camera.
         margin: by which the arm is thickened [m].
 
     Raises:
@@ -83,9 +81,7 @@ def robot_mask(robot: RobotModel, q: ArrayLike, image: DepthImage, *, margin: fl
     Pixels behind the arm's capsules or in front of them measured something else and are not among these.
 
     Args:
-        robot: the arm.
         q: its measured configuration at the image's time (n,) [rad].
-        image: what was measured.
         margin: by which the arm is thickened [m].
 
     Raises:

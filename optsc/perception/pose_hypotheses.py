@@ -76,10 +76,8 @@ def resting_starts(
     would show more than was seen, because something hides it, it is also shifted so that either end meets.
 
     Args:
-        template: the shape.
         points: measured (M, 3) [m], in W.
         eye: position of the camera in W (3,) [m].
-        table_height: of the table in W [m].
         count: of yaw angles.
         slack: a resting pose that is lower than the highest points by more than this is left out [m].
     """
@@ -157,7 +155,6 @@ def feature_starts(template: Template, points: Array, voxel: float, seed: int = 
     """Return starts (B) from fast point feature histograms (R. Rusu, N. Blodow, M. Beetz, 2009) matched by RANSAC.
 
     Args:
-        template: the shape.
         points: measured (M, 3) [m], in W.
         voxel: both clouds are thinned to this [m].
         seed: same arguments and seed, same starts.

@@ -46,9 +46,7 @@ def align(
     d changes by -g (u + r x (p - c)), g the outward gradient in W.
 
     Args:
-        hypotheses: to start from.
         points: measured (M, 3) [m], in W.
-        field: of the template.
         reaches: from far to near [m].
         freedom: which of shift and turn (x, y, z, x, y, z) may change.
     """
@@ -96,9 +94,7 @@ def refine(
     """Return the hypotheses after ICP.
 
     Args:
-        hypotheses: X_WO to start from.
         points: measured (M, 3) [m], in W.
-        template: the shape.
         method: ``gicp``: plane to plane (A. Segal, D. Haehnel, S. Thrun, Generalized-ICP, 2009); ``plane``: point to
             plane, both of small_gicp against the template's points; ``field``: point to exact surface, on the
             distance field.
@@ -152,9 +148,7 @@ def covariance(
     none; what a template's continuous symmetry leaves open, such as the turn of a can, is taken out of H.
 
     Args:
-        hypothesis: X_WO, one.
         points: measured (M, 3) [m], in W, independent of each other.
-        template: the shape.
         tolerance: distances up to this count [m].
         noise: least standard deviation of a distance [m].
         footprint: standard deviation of the position without the fit [m].

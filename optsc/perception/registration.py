@@ -114,8 +114,6 @@ def register(
         templates: what it may be, each name once.
         image: what was measured, also around the segment: where the camera saw through, nothing can be.
         robot_depth: depth of the arm's own surface (H, W) [m], infinite where it is not; it hides what is behind it.
-        table_height: of the table in W [m].
-        settings: when a pose is accepted.
         seed: same arguments and seed, same result.
 
     Raises:

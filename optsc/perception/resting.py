@@ -25,7 +25,6 @@ def vertical_symmetry(points: Array, field: DistanceField, tolerance: float) -> 
 
     Args:
         points: of the surface (N, 3) [m], in O.
-        field: of the same surface.
         tolerance: how far a turned point may lie off the surface [m]; 99 of 100 points have to comply.
     """
 
@@ -46,7 +45,6 @@ def box_symmetries(points: Array, field: DistanceField) -> Pose:
 
     Args:
         points: of the surface (N, 3) [m], in O.
-        field: of the same surface.
     """
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     found = []

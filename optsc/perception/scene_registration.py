@@ -56,11 +56,9 @@ class Observation(NamedTuple):
         """Return the segmented image.
 
         Args:
-            image: what was measured.
             robot: the arm that may be in it; without it, or without ``q``, all that stands out is an object.
             q: measured configuration of the arm at that time (n,) [rad].
             table_height: where the table is expected in W [m].
-            settings: what counts as an object.
         """
         mask, hiding = None, np.full(image.depth.shape, np.inf)
         if robot is not None and q is not None:
@@ -106,9 +104,7 @@ def register_scene(
     joint points fit about as well as the one piece alone.
 
     Args:
-        segments: of ``image``.
         templates, robot_depth, table_height, settings, seed: as `register` takes them.
-        image: what was measured.
 
     Raises:
         InvalidValue: as `register`.

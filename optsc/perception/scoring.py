@@ -59,10 +59,8 @@ def free_space(
     """Return what ``image`` says about free space.
 
     Args:
-        image: what was measured.
         robot_depth: (H, W) depth of the arm's own surface [m], infinite where it is not; it hides what is behind it
             even where the camera measured nothing.
-        tolerance: see `FreeSpace`.
         radius: half the side of the neighbourhood that has to be behind a point, in pixels: it forgives small errors
             of the pose at the edges of an object.
 
@@ -125,12 +123,8 @@ def fit(
     """Return how ``hypotheses`` of ``template`` fit the measured ``points`` (M, 3) and the free space.
 
     Args:
-        hypotheses: X_WO.
         points: measured (M, 3) [m], in W.
-        template: the shape.
-        space: what the image says about free space.
         tolerance: how far a seen point may be from the surface [m].
-        table_height: of the table in W [m].
         count: of the template's points to look for in the image.
     """
     d, _ = template.field.lookup(hypotheses.to_object(points))
@@ -163,15 +157,10 @@ def shape_distance(
 
 
 def self_visible(template: Template, pose: PoseHypotheses, space: FreeSpace) -> np.ndarray:
-    """Return which of the template's points (N,) bool the camera would see if nothing else were there.
+    """Return which points (N,) bool of a template at one pose the camera would see were nothing else there.
 
     Those that face it and have no other point of the template in front, in an image whose pixels are as large as the
     points are apart.
-
-    Args:
-        template: the shape.
-        pose: X_WO, one.
-        space: the image.
     """
     camera, X_WC = space.image.camera, space.image.X_WC
     local = X_WC.inverse().apply(pose.to_world(template.points)[0])

@@ -95,7 +95,6 @@ class PoseSearch(NamedTuple):
         """Return refined hypotheses of the templates that may fit, resting on the table; none of the others.
 
         Args:
-            templates: to look for.
             extra: further starts by the template's name.
         """
         rough = []
@@ -116,8 +115,6 @@ class PoseSearch(NamedTuple):
         """Return refined hypotheses in any position, such as leaning or on another object.
 
         Args:
-            templates: to look for.
-            rng: of the starts.
             known: hypotheses to start from as well, each turned a little in all directions: the alignment does not
                 look at free space, so a pose that is seen through is left by trying its neighbours.
         """

@@ -88,10 +88,8 @@ def segment_image(
     """Return the objects in an image and what was left out.
 
     Args:
-        image: what was measured.
         table_height: where the table is expected in W [m]; None to take the height that most points have.
         robot_mask: pixels of the arm (H, W) bool, see `optsc.perception.robot_mask`; none by default.
-        settings: what counts as an object.
 
     Raises:
         InvalidValue: a mask of another size, or no height given and no level plane in the image.

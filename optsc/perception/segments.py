@@ -102,7 +102,6 @@ def segment_from_pixels(
     """Return some pixels of an image (H, W) bool as a segment; those without a depth are left out.
 
     Args:
-        image: what was measured.
         pixels: which of it (H, W) bool; there may be none.
         robot_mask: pixels of the arm (H, W) bool, to tell whether it is next to them.
         normal_window: side of the square of pixels that a normal is fitted to, odd.

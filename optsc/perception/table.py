@@ -50,7 +50,6 @@ def find_table(image: DepthImage, expected: float | None = 0.0) -> TablePlane:
     returned where too few points are near it, or where the fit is tilted by more than `LARGEST_TILT`.
 
     Args:
-        image: what was measured.
         expected: height of the table in W [m]; None to take the height that most points have.
 
     Raises:

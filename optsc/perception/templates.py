@@ -103,7 +103,6 @@ def template_from_mesh(
     """Return the template of a surface that is given in O.
 
     Args:
-        name: what it is called.
         mesh: closed if possible; of an open one the convex hull decides how it rests.
         count: of surface points.
         symmetry_tolerance: how far turned points may lie off the surface to call it symmetric [m].
@@ -162,7 +161,6 @@ def template_from_file(
     """Return the template of a mesh file (STL, OBJ, PLY and what else trimesh reads).
 
     Args:
-        path: the file.
         name: the file's name without its ending by default.
         unit: length of the file's unit [m]: 0.001 for millimetres.
         keep_frame: keep the file's frame as O. By default the origin is moved to the centre of the base.

@@ -71,10 +71,7 @@ def track(state: SceneState, observation: Observation, X_WT: Pose, gripper: Grip
     """Return what is left of ``state`` in an observation, and what the hand has taken.
 
     Args:
-        state: known before.
-        observation: what is seen now.
         X_WT: pose of the tool now.
-        gripper: at the tool.
     """
     image = observation.image
     found = {

@@ -10,12 +10,12 @@ X_WC = look_at([0.55, 0.15, 0.55], [0.0, 0.0, 0.05])
 TABLE_HALF = 0.6
 
 
-def drawn(things, X_WC=X_WC, camera=CAMERA, noise=0.0, seed=0):
-    """Depth image of things, (mesh, X_WO) each, on the table z = 0, and the number of the thing in each pixel."""
+def drawn(objects, X_WC=X_WC, camera=CAMERA, noise=0.0, seed=0):
+    """Depth image of objects, (mesh, X_WO) each, on the table z = 0, and the number of the object in each pixel."""
     table = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * TABLE_HALF
     depth, owner = _table(table, X_WC, camera)
     X_CW = X_WC.inverse()
-    for number, (mesh, X_WO) in enumerate(things):
+    for number, (mesh, X_WO) in enumerate(objects):
         corners = (X_CW @ X_WO).apply(mesh.vertices)[mesh.faces]
         for triangle in corners:
             _draw(triangle, camera, depth, owner, number)
@@ -26,7 +26,7 @@ def drawn(things, X_WC=X_WC, camera=CAMERA, noise=0.0, seed=0):
 
 
 def segment_of(image, owner, number=0, lowest=0.006):
-    """The pixels of one thing as a perfect segmentation would give them."""
+    """The pixels of one object as a perfect segmentation would give them."""
     points = image.points()
     mask = (owner == number) & image.measured & (points[..., 2] > lowest)
     return Segment(PointCloud(points[mask]), mask, False)

@@ -104,7 +104,7 @@ def error(table, templates, state, name, X_WO=None):
     return add_s(templates[name].points, table.X_WO[name] if X_WO is None else X_WO, state.objects[name].X_WO)
 
 
-def test_a_first_look_finds_every_object_and_stores_its_grasps(table, first, templates):
+def test_a_first_observation_finds_every_object_and_stores_its_grasps(table, first, templates):
     assert set(first.objects) == set(first.library) == set(PLACES)
     for name, grasps in first.library.items():
         assert error(table, templates, first, name) < 0.005
@@ -127,7 +127,7 @@ def test_a_view_with_the_arm_in_front_leaves_every_library_bit_identical(table, 
     first.library.save(tmp_path / "before")
     for name in PLACES:
         q = table.in_front_of(name)
-        # Behind the arm the object may even be gone: nobody has seen that.
+        # Behind the arm the object may even be missing: no image shows it.
         image = table.image(q, **{name: UNDERGROUND})
         known = first.objects[name]
         hiding = robot_depth(table.robot, q, image.camera, image.X_WC)

@@ -19,7 +19,7 @@ def robot():
     return load_robot("panda")
 
 
-def postures(robot, count):
+def configurations(robot, count):
     return robot.limits.clip(robot.home + np.random.default_rng(0).normal(0.0, 0.6, (count, robot.n)))
 
 
@@ -51,7 +51,7 @@ def test_the_capsules_end_where_the_arm_s_joints_put_them(robot):
     from optsc.robot.capsules import link_capsules
 
     capsules = link_capsules(robot)
-    for q in postures(robot, 5):
+    for q in configurations(robot, 5):
         ends, radius = capsules_at(robot, q)
         np.testing.assert_array_equal(radius, capsules.radius)
         # The hand is fixed to the last joint: its capsules move with the tip.
@@ -70,7 +70,7 @@ def test_no_pixel_of_the_arm_is_missed_and_none_is_nearer_than_said(name):
     robot = load_robot(name)
     for camera in (SMALL, LARGE):
         with DepthCamera(Tabletop(robot, {}, {}), X_WC, camera) as looking:
-            for q in postures(robot, 2):
+            for q in configurations(robot, 2):
                 view = looking.capture(q)
                 arm, depth = view.pixels_of("arm"), robot_depth(robot, q, camera, X_WC)
                 assert arm.sum() > 500

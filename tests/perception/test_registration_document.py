@@ -41,7 +41,7 @@ def test_the_settings_are_those_of_the_page():
         (search.rough, "best 100,"),
         (search.fine, "best 32,"),
         (search.free_rotations, "120 rotations"),
-        (search.behind, "0.35 is given up"),
+        (search.behind, "0.35 is abandoned"),
     ):
         assert str(number) in text
         assert re.sub(r"\s+", " ", text) in re.sub(r"\s+", " ", PAGE)

@@ -116,7 +116,7 @@ def test_a_tilted_table_below_the_expected_one_is_found():
     assert segment_image(moved).segments == ()
 
 
-def test_the_table_s_height_can_be_found_without_being_told():
+def test_the_table_s_height_can_be_found_without_an_expected_one():
     higher = DepthImage(
         flat(np.zeros((240, 320), dtype=bool), 0.0).depth, CAMERA, Pose.from_translation([0, 0, 0.3]) @ X_WC
     )

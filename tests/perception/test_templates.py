@@ -68,7 +68,7 @@ def test_a_box_rests_on_each_of_its_sides_once():
         assert X.apply(BOX.vertices)[:, 2].min() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_can_stands_on_both_ends_and_lies_in_one_way():
+def test_a_can_stands_on_both_ends_and_lies_on_its_side():
     template = catalogue_template("can")
     heights = np.sort(np.round(template.resting.rotation_matrix()[:, 2, 2], 2))
     np.testing.assert_allclose(heights, [-1.0, 0.0, 1.0], atol=0.01)

@@ -29,17 +29,17 @@ def known(seen=None):
     return KnownObject("thing", None, X_WO, (), cloud, np.zeros((0, 3)), seen, PIXELS, (), 0.0)
 
 
-def test_what_is_measured_where_it_was_is_there():
+def test_what_is_measured_where_it_was_is_visible():
     assert visibility_in_place(known(), image(1.0), NOWHERE) is ExpectedVisibility.VISIBLE
     assert visibility_in_place(known(), image(1.0 + 0.004), NOWHERE) is ExpectedVisibility.VISIBLE
 
 
-def test_what_is_seen_through_is_gone():
+def test_what_is_seen_through_is_not_there():
     assert visibility_in_place(known(), image(1.5), NOWHERE) is ExpectedVisibility.SEEN_THROUGH
     assert visibility_in_place(known(), image(1.01), NOWHERE) is ExpectedVisibility.SEEN_THROUGH
 
 
-def test_what_has_shifted_by_more_than_a_sixth_of_its_width_is_gone():
+def test_what_has_shifted_by_more_than_a_sixth_of_its_width_is_not_there():
     for columns, expected in ((2, ExpectedVisibility.VISIBLE), (4, ExpectedVisibility.SEEN_THROUGH)):
         shifted = image(1.0, pixels=np.roll(PIXELS, columns, axis=1))
         assert visibility_in_place(known(), shifted, NOWHERE) is expected
@@ -57,7 +57,7 @@ def test_the_arm_hides_it_whatever_is_measured():
     assert visibility_in_place(known(), image(1.5), behind) is ExpectedVisibility.SEEN_THROUGH
 
 
-def test_where_nothing_is_measured_nothing_is_said():
+def test_where_nothing_is_measured_it_is_hidden():
     assert visibility_in_place(known(), image(np.nan), NOWHERE) is ExpectedVisibility.HIDDEN
     assert (
         visibility_at(known(), Pose.from_translation([9.0, 0.0, 1.0]), image(1.0))
