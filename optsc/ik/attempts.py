@@ -1,185 +1,137 @@
-"""Attempts at the poses of a call: what is compiled and drawn once for an arm, and the best that was found."""
+"""Attempts at the poses of a call: from seeds, from the nearest of random starts, and without limits."""
 
 from __future__ import annotations
 
-import threading
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optsc.geometry import rotation
 from optsc.geometry.rotation import Array
-from optsc.ik.reach import Reach, reach
-from optsc.ik.starts import FIRST_TABLE_SEED, TABLE, StartTable, features
-from optsc.kernels.chain import forward_kinematics
-from optsc.kernels.kernel import BatchKernel, Kernel, build_batch_kernel, build_kernel
-from optsc.kernels.search import STARTS, search
-from optsc.robot.limits import JointLimits
-from optsc.robot.model import RobotModel
+from optsc.ik.arm import ArmSearch, features
+from optsc.kernels.search import STARTS
 
-LOOP = 64
-"""Poses in one compiled loop."""
+FIRST_STARTS = 3 * STARTS
+"""Starts from the fixed first table, before others are drawn."""
+LIMIT_PROBES = 16
+"""Attempts without limits, which tell poses behind the limits from poses out of reach. They are other starts than those
+tried before, because where limits play no part the same ones would fail alike."""
 
 
-@dataclass(frozen=True, eq=False)
-class Solver:
-    """What is built once for an arm; its parts when they are first needed.
+class IkStatus(IntEnum):
+    """What became of a pose; `IkSolutions.reason` says it in words."""
 
-    Attributes:
-        robot: the arm.
-        reach: how far it can be reached at most.
-        bounds: lower and upper limits (2 n,), without those of joints that can make a full turn in them.
-        shared: bounds and limits as the compiled search takes them.
-        endless: the same where no joint has any.
-    """
-
-    robot: RobotModel
-    reach: Reach
-    bounds: Array
-    shared: tuple[Array, Array]
-    endless: tuple[Array, Array]
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return self.robot.n
-
-    @property
-    def limits(self) -> JointLimits:
-        """The limits of the arm."""
-        return self.robot.limits
-
-    @cached_property
-    def search(self) -> BatchKernel:
-        """Attempts with one tolerance for all components."""
-        return build_batch_kernel(search(self.robot.chain), LOOP, shared=2)
-
-    @cached_property
-    def search_by_component(self) -> BatchKernel:
-        """Attempts with six tolerances."""
-        return build_batch_kernel(search(self.robot.chain, by_component=True), LOOP, shared=2)
-
-    @cached_property
-    def search_one(self) -> Kernel:
-        """Attempts at a single pose with one tolerance, without the way into and out of a loop."""
-        kernel = build_kernel(search(self.robot.chain))
-        kernel.inputs[5][:], kernel.inputs[6][:] = self.shared
-        return kernel
-
-    @cached_property
-    def lock(self) -> threading.Lock:
-        """To be held while the memory of `search_one` is in use."""
-        return threading.Lock()
-
-    @cached_property
-    def nothing(self) -> Array:
-        """What was found for a pose (n + 3,) before the first attempt."""
-        return np.concatenate([np.zeros(self.n), [np.inf, 0.0, 0.0]])
-
-    @cached_property
-    def forward(self) -> BatchKernel:
-        """Forward kinematics."""
-        return build_batch_kernel(forward_kinematics(self.robot.chain), LOOP)
-
-    def table(self, rng: np.random.Generator) -> StartTable:
-        """Draw a table of starts."""
-        q = self.limits.clip(rng.uniform(*self.limits.sampling, size=(TABLE, self.n)))
-        R, p = self.forward(q)
-        quaternion = rotation.from_matrix(np.swapaxes(R.reshape(-1, 3, 3), 1, 2))
-        found = features(quaternion, p, self.folded(q))
-        return StartTable(q, found, 0.5 * np.einsum("ij,ij->i", found, found))
-
-    @cached_property
-    def first_table(self) -> StartTable:
-        """The table that every call begins with, so that drawing it costs nothing."""
-        return self.table(np.random.default_rng(FIRST_TABLE_SEED))
-
-    @cached_property
-    def turns(self) -> NDArray[np.bool_]:
-        """Which joints (n,) can make a full turn within their limits."""
-        return np.isinf(self.bounds[: self.n])
-
-    def folded(self, q: Array) -> Array:
-        """Return the postures with turning joints in [-π, π), so that equal postures have equal numbers."""
-        if not self.turns.any():
-            return q
-        return np.where(self.turns, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
+    SOLVED = 0
+    OUT_OF_REACH = 1
+    """Further away than the arm is long, or no configuration was found even with the limits lifted."""
+    JOINT_LIMITS = 2
+    """With the limits lifted a configuration was found, within them none."""
+    COLLISION = 3
+    """There are configurations, and the given check refused all that were found."""
+    NOT_FOUND = 4
+    """The seeds do not lead there, and without restarts nothing else was tried."""
 
 
-@lru_cache(maxsize=16)
-def solver_of(robot: RobotModel) -> Solver:
-    """Return the solver of an arm."""
-    lower, upper = robot.limits.lower, robot.limits.upper
-    slides = np.array(robot.chain.slides)
-    turns = (upper - lower >= 2.0 * np.pi) & ~slides
-    bounds = np.concatenate([np.where(turns, -np.inf, lower), np.where(turns, np.inf, upper)])
-    return Solver(
-        robot=robot,
-        reach=reach(robot),
-        bounds=bounds,
-        shared=(bounds, np.concatenate([lower, upper])),
-        endless=(np.repeat([-np.inf, np.inf], robot.n),) * 2,
-    )
-
-
-class Batch:
-    """The poses of one call, and the best posture that was found for each so far.
+class PoseBatch:
+    """The poses of one call, and the best configuration that was found for each so far.
 
     Attributes:
-        solver: of the arm.
-        targets: (N, 8) or (N, 13), as `optsc.kernels.search` takes them.
-        seeds: (N, n), the postures near which turning joints end.
-        best: (N, n + 3): posture, residual, success, iterations.
+        arm: its search.
+        targets: (N, 8) or (N, 13), as `optsc.kernels.search.search` takes them.
+        seeds: (N, n), the configurations near which turning joints end.
+        best: (N, n + 3): configuration, residual, success, iterations.
     """
 
-    def __init__(self, solver: Solver, targets: Array, seeds: Array) -> None:
-        self.solver, self.targets, self.seeds = solver, targets, seeds
-        self.best = np.tile(solver.nothing, (len(targets), 1))
+    def __init__(self, arm: ArmSearch, targets: Array, seeds: Array) -> None:
+        self.arm, self.targets, self.seeds = arm, targets, seeds
+        self.best = np.tile(arm.nothing, (len(targets), 1))
 
     @property
     def q(self) -> Array:
-        """The postures (N, n)."""
-        return self.best[:, : self.solver.n]
+        """The configurations (N, n)."""
+        return self.best[:, : self.arm.n]
 
     @property
     def residual(self) -> Array:
-        """The residuals (N,) of the postures."""
-        return self.best[:, self.solver.n]
+        """The residuals (N,) of the configurations."""
+        return self.best[:, self.arm.n]
 
     @property
     def success(self) -> NDArray[np.bool_]:
-        """Which postures (N,) are solutions."""
-        return self.best[:, self.solver.n + 1] > 0.0
+        """Which configurations (N,) are solutions."""
+        return self.best[:, self.arm.n + 1] > 0.0
 
     @property
     def by_component(self) -> bool:
         """Whether there is a tolerance for each component."""
         return self.targets.shape[1] > 8
 
-    def of(self, index: NDArray[np.intp]) -> Batch:
+    def subset(self, index: NDArray[np.intp]) -> PoseBatch:
         """Return some of the poses, with what was found."""
-        part = self.fresh(index)
+        part = self.unsolved_subset(index)
         part.best = self.best[index]
         return part
 
-    def fresh(self, index: NDArray[np.intp]) -> Batch:
+    def unsolved_subset(self, index: NDArray[np.intp]) -> PoseBatch:
         """Return some of the poses, with nothing found."""
-        return Batch(self.solver, self.targets[index], self.seeds[index])
+        return PoseBatch(self.arm, self.targets[index], self.seeds[index])
 
-    def wanted(self) -> Array:
+    def features(self) -> Array:
         """Return the features (N, ...) that starts should have."""
-        return features(self.targets[:, :4], self.targets[:, 4:7], self.solver.folded(self.seeds))
+        return features(self.targets[:, :4], self.targets[:, 4:7], self.arm.folded(self.seeds))
 
     def attempt(self, starts: Array, shared: tuple[Array, Array] | None = None) -> None:
         """Try the starts (N, S, n) one after another, for the poses without success."""
         count, each, n = starts.shape
+        kernel = self.arm.search_by_component if self.by_component else self.arm.search
+        bounds = self.arm.shared if shared is None else shared
         for tried in range(0, each, STARTS):
             now = min(STARTS, each - tried)
             rows = np.zeros((count, STARTS * n))
             rows[:, : now * n] = starts[:, tried : tried + now].reshape(count, now * n)
             times = np.full((count, 1), float(now))
-            kernel = self.solver.search_by_component if self.by_component else self.solver.search
-            bounds = self.solver.shared if shared is None else shared
             (self.best,) = kernel(self.best, self.targets, self.seeds, rows, times, shared=bounds)
+
+    def attempt_some(self, index: NDArray[np.intp], starts: Array) -> NDArray[np.intp]:
+        """Try the starts (R, S, n) for the poses ``index`` (R,); return those that are still not solved."""
+        part = self.subset(index)
+        part.attempt(starts)
+        self.best[index] = part.best
+        return index[~part.success]
+
+
+def restart(batch: PoseBatch, restarts: int, rng: np.random.Generator | None) -> NDArray[np.int8]:
+    """Solve by other starts what the seeds left; return the statuses (N,)."""
+    arm = batch.arm
+    status = np.full(len(batch.best), IkStatus.NOT_FOUND, dtype=np.int8)
+    if not batch.by_component:  # with room in orientation the last joint may be elsewhere
+        excluded = arm.reach.excludes(batch.targets[:, :4], batch.targets[:, 4:7])
+        status[excluded] = IkStatus.OUT_OF_REACH
+    left, table, wanted = np.flatnonzero(status == IkStatus.NOT_FOUND), arm.first_table, batch.features()
+    for tried in range(0, restarts, STARTS):
+        skip = tried
+        if tried >= FIRST_STARTS and len(left):
+            rng = np.random.default_rng(0) if rng is None else rng
+            table, skip = arm.table(rng), 0
+        near = table.nearest(wanted[left], skip + STARTS)[:, skip : skip + restarts - tried]
+        left = batch.attempt_some(left, table.q[near])
+        if not tried:
+            status[left] = _without_limits(batch, left, wanted[left])
+            # What has no configuration even without limits has none to look for.
+            left = left[status[left] == IkStatus.JOINT_LIMITS]
+        if not len(left):
+            break
+    status[batch.success] = IkStatus.SOLVED
+    return status
+
+
+def _without_limits(batch: PoseBatch, index: NDArray[np.intp], wanted: Array) -> NDArray[np.int8]:
+    """Return why the poses ``index`` have no configuration yet: whether they have one when limits are ignored."""
+    arm, free = batch.arm, batch.unsolved_subset(index)
+    near = arm.first_table.nearest(wanted, STARTS + LIMIT_PROBES)[:, STARTS:]
+    free.attempt(arm.first_table.q[near], arm.endless)
+    behind = free.success
+    # From a configuration outside the search may still lead inside; then the pose is solved after all.
+    inside = np.clip(free.q[behind], arm.bounds[: arm.n], arm.bounds[arm.n :])
+    batch.attempt_some(index[behind], inside[:, None])
+    return np.where(behind, IkStatus.JOINT_LIMITS, IkStatus.OUT_OF_REACH).astype(np.int8)

@@ -8,12 +8,12 @@ always free.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.errors import InvalidValue
+from optsc.checks import AtLeast, Checked, Positive, Range
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.ik.solvers import QpSolver, Rows
@@ -27,7 +27,7 @@ ACTIVE = 1e-4
 
 
 @dataclass(frozen=True)
-class AvoidanceSettings:
+class AvoidanceSettings(Checked):
     """How near the arm may come to things, and how fast.
 
     Attributes:
@@ -41,23 +41,14 @@ class AvoidanceSettings:
         boxes: boxes at most that stand for one obstacle.
     """
 
-    margin: float = 0.01
-    braking: float = 0.4
-    most_braking: float = 3.0
-    delay: float = 0.05
-    push: float = 0.1
-    weight: float = 1e5
-    most_rows: int = 16
-    boxes: int = 4
-
-    def __post_init__(self) -> None:
-        for name in ("braking", "most_braking", "delay", "push", "weight"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidValue(name, value, "positive and finite")
-        for name in ("most_rows", "boxes"):
-            if getattr(self, name) < 1:
-                raise InvalidValue(name, getattr(self, name), "at least 1")
+    margin: Annotated[float, Range("0 to 1", 0.0, 1.0, open_high=True)] = 0.01
+    braking: Annotated[float, Positive] = 0.4
+    most_braking: Annotated[float, Positive] = 3.0
+    delay: Annotated[float, Positive] = 0.05
+    push: Annotated[float, Positive] = 0.1
+    weight: Annotated[float, Positive] = 1e5
+    most_rows: Annotated[int, AtLeast(1)] = 16
+    boxes: Annotated[int, AtLeast(1)] = 4
 
 
 class Nearness(NamedTuple):

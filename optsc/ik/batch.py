@@ -1,16 +1,14 @@
-"""Global inverse kinematics for many poses at once.
+"""Inverse kinematics of whole poses: many at once, from anywhere (global), within the joint limits.
 
 Every pose is first tried from its seeds, so that the branch found is the one that the arm would be driven to.
-What is left starts again from postures that already hold the tool near the pose: the nearest of a table of
-random postures. Each round takes all poses that are left through one compiled loop
-(`optsc.kernels.search.search`). Poses that are still left are tried without limits, which tells why they have no
-posture.
+What is left starts again from configurations that already hold the tool near the pose: the nearest of a table of
+random ones. Each round takes all poses that are left through one compiled loop (`optsc.kernels.search`). Poses that
+are still left are tried without limits, which tells why they have no configuration.
 """
 
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,53 +18,32 @@ from numpy.typing import ArrayLike, NDArray
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
-from optsc.ik.attempts import Batch, Solver, solver_of
+from optsc.ik.arm import TABLE_SIZE, ArmSearch, arm_search
+from optsc.ik.attempts import IkStatus, PoseBatch, restart
 from optsc.ik.choice import (
-    BLOCK,
     CHOICES,
+    POSES_AT_ONCE,
     Clear,
-    Measure,
     MostManipulable,
-    Nearest,
+    NearestToSeed,
     Objective,
     choose,
     collect,
     only_clear,
     refine,
 )
-from optsc.ik.starts import TABLE
 from optsc.kernels.search import STARTS
+from optsc.robot.manipulability import Manipulability, ManipulabilityMeasure
 from optsc.robot.model import RobotModel
 
 RESTARTS = 32
 """Attempts after the seeds': about one in 50 000 reachable poses needs more, and every impossible one pays for all."""
-FIRST_STARTS = 3 * STARTS
-"""Starts from the fixed first table, before others are drawn."""
 FEW_STARTS = 2 * STARTS
 """Starts for a single pose, before it is left to what poses in numbers get."""
-SAMPLES = 16
-"""Starts that a choice among postures is made from, besides the posture at hand."""
-TOLERANCE = 1e-5
+CHOICE_STARTS = 16
+"""Starts that a choice is made from, besides the configuration at hand."""
+POSE_TOLERANCE = 1e-5
 """Greatest component of the pose error of a solution [m and rad], as in the protocol of TRAC-IK."""
-LIMIT_PROBES = 16
-"""Attempts without limits, which tell poses behind the limits from poses out of reach. They are other starts than those
-tried before, because where limits play no part the same ones would fail alike."""
-
-
-class IkStatus(IntEnum):
-    """What became of a pose; `IkSolutions.reason` says it in words."""
-
-    SOLVED = 0
-    OUT_OF_REACH = 1
-    """Further away than the arm is long, or no posture was found even with the limits lifted."""
-    JOINT_LIMITS = 2
-    """With the limits lifted a posture was found, within them none."""
-    COLLISION = 3
-    """There are postures, and the given check refused all that were found."""
-    NOT_FOUND = 4
-    """The seeds do not lead there, and without restarts nothing else was tried."""
-
-
 REASONS = ("", "out of reach", "joint limits", "collision", "not found")
 """The words of each `IkStatus`."""
 _WORDS = np.array(REASONS)
@@ -74,17 +51,17 @@ _WORDS.flags.writeable = False
 
 
 class IkSolutions(NamedTuple):
-    """Postures for N poses. Arrays may be shared between calls, and are then read-only.
+    """Configurations for N poses. Arrays may be shared between calls, and are then read-only.
 
     Attributes:
-        q: (N, n), inside the limits; where there was no success, the posture of least residual that was met,
-            or one that touches something.
-        success: (N,) bool: the pose is met within tolerance, and the posture clear where that was asked for.
+        q: (N, n), inside the limits; where there was no success, the one of least residual that was met, or one
+            that touches something.
+        success: (N,) bool: the pose is met within tolerance, and the configuration clear where that was asked for.
         residual: (N,) largest component of the pose error (p* - p, log(R* Rᵀ)) at q [m and rad]; with six
             tolerances, by how much a component of `deviation` exceeds its own: 0 on success.
         reason: (N,) text: empty on success, else one of `REASONS`.
         status: (N,) the same as numbers, see `IkStatus`.
-        found: (N,) how many different postures were compared: 0 or 1 unless a choice had to be made.
+        found: (N,) how many different configurations were compared: 0 or 1 unless a choice had to be made.
     """
 
     q: Array
@@ -113,71 +90,23 @@ def deviation(X_WG: Pose, X_WT: Pose) -> Array:
     return np.concatenate([X_GT.translation, turn], axis=-1)
 
 
-def _restart(batch: Batch, restarts: int, rng: np.random.Generator | None) -> NDArray[np.int8]:
-    """Solve by other starts what the seeds left; return the statuses (N,)."""
-    solver = batch.solver
-    status = np.full(len(batch.best), IkStatus.NOT_FOUND, dtype=np.int8)
-    if not batch.by_component:  # with room in orientation the last joint may be elsewhere
-        excluded = solver.reach.excludes(batch.targets[:, :4], batch.targets[:, 4:7])
-        status[excluded] = IkStatus.OUT_OF_REACH
-    left, table, wanted = np.flatnonzero(status == IkStatus.NOT_FOUND), solver.first_table, batch.wanted()
-    for tried in range(0, restarts, STARTS):
-        skip = tried
-        if tried >= FIRST_STARTS and len(left):
-            rng = np.random.default_rng(0) if rng is None else rng
-            table, skip = solver.table(rng), 0
-        near = table.nearest(wanted[left], skip + STARTS)[:, skip : skip + restarts - tried]
-        left = _unsolved(batch, left, table.q[near])
-        if not tried:
-            status[left] = _without_limits(batch, left, wanted[left])
-            # What has no posture even without limits has none to look for.
-            left = left[status[left] == IkStatus.JOINT_LIMITS]
-        if not len(left):
-            break
-    status[batch.success] = IkStatus.SOLVED
-    return status
-
-
-def _unsolved(batch: Batch, index: NDArray[np.intp], starts: Array) -> NDArray[np.intp]:
-    """Try the starts (R, S, n) for the poses ``index`` (R,); return those that are still not solved."""
-    part = batch.of(index)
-    part.attempt(starts)
-    batch.best[index] = part.best
-    return index[~part.success]
-
-
-def _without_limits(batch: Batch, index: NDArray[np.intp], wanted: Array) -> NDArray[np.int8]:
-    """Return why the poses ``index`` have no posture yet: whether they have one when limits are ignored."""
-    solver = batch.solver
-    free = batch.fresh(index)
-    table = solver.first_table
-    near = table.nearest(wanted, STARTS + LIMIT_PROBES)[:, STARTS:]
-    free.attempt(table.q[near], solver.endless)
-    behind = free.success
-    # From a posture outside the way may still lead inside; then the pose is solved after all.
-    inside = np.clip(free.q[behind], solver.bounds[: solver.n], solver.bounds[solver.n :])
-    _unsolved(batch, index[behind], inside[:, None])
-    return np.where(behind, IkStatus.JOINT_LIMITS, IkStatus.OUT_OF_REACH).astype(np.int8)
-
-
 def _choose(
-    batch: Batch, index: NDArray[np.intp], samples: int, objective: Objective | None, clear: Clear | None
+    batch: PoseBatch, index: NDArray[np.intp], samples: int, objective: Objective | None, clear: Clear | None
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Replace the postures of the poses ``index`` by chosen ones; return which (R,) have one, and of how many."""
-    part = batch.of(index)
-    postures = collect(part, samples)
-    found = postures.found
+    """Replace the configurations of the poses ``index`` by chosen ones; return which (R,) have one, and of how many."""
+    part = batch.subset(index)
+    several = collect(part, samples)
     if clear is not None:
-        only_clear(postures, clear)
-    q, usable = choose(part, postures, objective)
+        only_clear(several, clear)
+    q, usable = choose(part, several, objective)
     rows = np.flatnonzero(usable)
-    if objective is not None and (batch.by_component or batch.solver.n > 6) and len(rows):
-        q[rows] = refine(part.of(rows), q[rows], objective, clear)
-    # The residual is that of the posture which is returned: a start that is a solution already stays.
-    again = part.fresh(rows)
+    if objective is not None and (batch.by_component or batch.arm.n > 6) and len(rows):
+        q[rows] = refine(part.subset(rows), q[rows], objective, clear)
+    # The residual is that of the configuration which is returned: a start that is a solution already stays.
+    again = part.unsolved_subset(rows)
     again.attempt(q[rows, None])
     batch.best[index[rows]] = again.best
-    return usable, found
+    return usable, several.found
 
 
 def _checked_tolerance(tolerance: ArrayLike) -> Array:
@@ -224,7 +153,7 @@ def _checked_seeds(robot: RobotModel, seeds: ArrayLike | None, shape: tuple[int,
 def _of_one(
     shape: tuple[int, ...],
 ) -> tuple[NDArray[np.bool_], NDArray[np.str_], NDArray[np.int8], NDArray[np.int64]]:
-    """Return what success looks like besides posture and residual, read-only, as every call shares it."""
+    """Return what success looks like besides configuration and residual, read-only, as every call shares it."""
     success, reason = np.ones(shape, dtype=bool), np.full(shape, "", dtype=_WORDS.dtype)
     status, found = np.zeros(shape, dtype=np.int8), np.ones(shape, dtype=np.int64)
     for array in (success, reason, status, found):
@@ -233,35 +162,35 @@ def _of_one(
 
 
 def _solve_one(
-    solver: Solver, X_WT: Pose, seeds: ArrayLike | None, tolerance: float, restarts: int
+    arm: ArmSearch, X_WT: Pose, seeds: ArrayLike | None, tolerance: float, restarts: int
 ) -> IkSolutions | None:
-    """Solve a single pose in the compiled search's own memory; None when that takes many starts.
+    """Solve a single pose in the buffers of the compiled search; None when that takes many starts.
 
     It gives what a batch of one would, which also raises the errors: all that is not plain ends here with None.
     """
-    n, shape = solver.n, X_WT.shape
-    q = solver.robot.home if seeds is None else np.asarray(seeds, dtype=float)
+    n, shape = arm.n, X_WT.shape
+    q = arm.robot.home if seeds is None else np.asarray(seeds, dtype=float)
     if q.shape != (n,) or not 0.0 < tolerance < math.inf or not math.isfinite(sum(q.tolist())):
         return None
-    with solver.lock:
-        found = _search_one(solver, X_WT, q, tolerance, restarts)
+    with arm.lock:
+        found = _search_one(arm, X_WT, q, tolerance, restarts)
     if found is None:
         return None
     success, reason, status, one = _of_one(shape)
     return IkSolutions(found[:n].reshape(*shape, n), success, found[n].reshape(shape), reason, status, one)
 
 
-def _search_one(solver: Solver, X_WT: Pose, q: Array, tolerance: float, restarts: int) -> Array | None:
-    """Return posture and residual (n + 3,), or None for a pose that is not solved so."""
-    n, kernel = solver.n, solver.search_one
+def _search_one(arm: ArmSearch, X_WT: Pose, q: Array, tolerance: float, restarts: int) -> Array | None:
+    """Return configuration and residual (n + 3,), or None for a pose that is not solved so."""
+    n, kernel = arm.n, arm.search_one
     best, target, seed, starts, count = kernel.inputs[:5]
     (out,) = kernel.outputs
     target[:4], target[4:7], target[7] = X_WT.quaternion, X_WT.translation, tolerance
     if not math.isfinite(sum(target.tolist())):
         return None
-    np.maximum(q, solver.limits.lower, out=seed)
-    np.minimum(seed, solver.limits.upper, out=seed)
-    best[:] = solver.nothing
+    np.maximum(q, arm.limits.lower, out=seed)
+    np.minimum(seed, arm.limits.upper, out=seed)
+    best[:] = arm.nothing
     starts[:, 0], count[0] = seed, 1.0
     kernel.run()
     near: Array | None = None
@@ -269,24 +198,20 @@ def _search_one(solver: Solver, X_WT: Pose, q: Array, tolerance: float, restarts
         if out[n + 1]:
             break
         if near is None:
-            folded = solver.folded(seed)
-            near = solver.first_table.nearest_to_one(target[:4], target[4:7], folded, FEW_STARTS)
+            folded = arm.folded(seed)
+            near = arm.first_table.nearest_to_one(target[:4], target[4:7], folded, FEW_STARTS)
         tries = min(STARTS, restarts - tried)
         best[:], starts[:, :tries], count[0] = out, near[tried : tried + tries].T, tries
         kernel.run()
     return out.copy() if out[n + 1] else None
 
 
-def _objective(robot: RobotModel, choice: str, measure: Measure | None) -> Objective | None:
+def _objective(robot: RobotModel, choice: str, measure: ManipulabilityMeasure | None) -> Objective | None:
     if choice not in CHOICES:
         raise UnknownName("choice", choice, CHOICES)
     if choice == "manipulability":
-        if measure is None:
-            from optsc.robot.manipulability import Manipulability
-
-            measure = Manipulability()
-        return MostManipulable(robot, measure)
-    return Nearest() if choice == "nearest" else None
+        return MostManipulable(robot, Manipulability() if measure is None else measure)
+    return NearestToSeed() if choice == "nearest" else None
 
 
 def solve_ik(
@@ -296,13 +221,13 @@ def solve_ik(
     rng: np.random.Generator | None = None,
     seeds: ArrayLike | None = None,
     restarts: int = RESTARTS,
-    tolerance: ArrayLike = TOLERANCE,
+    tolerance: ArrayLike = POSE_TOLERANCE,
     choice: str = "first",
-    samples: int = SAMPLES,
-    measure: Measure | None = None,
+    samples: int = CHOICE_STARTS,
+    measure: ManipulabilityMeasure | None = None,
     clear: Clear | None = None,
 ) -> IkSolutions:
-    """Return a posture inside the limits for each pose of the tool.
+    """Return a configuration inside the limits for each pose of the tool.
 
     The results depend on the arguments and the state of ``rng`` alone.
 
@@ -311,19 +236,19 @@ def solve_ik(
         X_WT: the poses, of any batch shape (N,); the results have the same.
         rng: draws further starts for the few poses that the fixed first table of starts does not solve; None
             stands for a generator of fixed seed.
-        seeds: posture(s) to start from, by default the robot's home; moved into the limits: (n,) for all poses,
+        seeds: configuration(s) to start from, by default the robot's home; moved into the limits: (n,) for all poses,
             (N, n) for each its own, or (N, K, n) for K of each, tried one after another. A joint that can make
             full turns ends within half a turn of its first seed, as far as limits permit.
         restarts: greatest number of attempts from other starts, for poses that their seeds do not solve.
         tolerance: greatest component of the pose error that counts as success [m and rad]; or six numbers
             that bound the components of `deviation`, in the tool's axes: position x, y, z, tilt about x and y,
             roll about z. Infinite ones are free.
-        choice: "first": the first posture that is found; "nearest": the one nearest to the (first) seed;
-            "manipulability": the one of greatest ``measure``. The latter two compare several postures and
+        choice: "first": the first configuration that is found; "nearest": the one nearest to the (first) seed;
+            "manipulability": the one of greatest ``measure``. The latter two compare several configurations and
             use what freedom the pose leaves.
-        samples: starts from which postures are collected, where there is a choice or ``clear`` refuses one.
+        samples: starts from which configurations are collected, where there is a choice or ``clear`` refuses one.
         measure: what "manipulability" is, by default `optsc.robot.manipulability.Manipulability()`.
-        clear: collision check of postures (R, n) that returns which (R,) touch nothing; a solution has to pass.
+        clear: collision check of configurations (R, n) that returns which (R,) touch nothing; a solution has to pass.
 
     Raises:
         InvalidValue: a pose or seed is not finite, or a shape, a tolerance, ``restarts`` or ``samples`` is
@@ -332,27 +257,27 @@ def solve_ik(
     """
     if restarts < 0:
         raise InvalidValue("restarts", restarts, "zero or more")
-    solver, shape = solver_of(robot), X_WT.shape
+    arm, shape = arm_search(robot), X_WT.shape
     if choice == "first" and clear is None and isinstance(tolerance, float) and math.prod(shape) == 1:
-        solution = _solve_one(solver, X_WT, seeds, tolerance, restarts)
+        solution = _solve_one(arm, X_WT, seeds, tolerance, restarts)
         if solution is not None:
             return solution
-    if not 1 <= samples < TABLE:
-        raise InvalidValue("samples", samples, f"1 to {TABLE - 1}")
+    if not 1 <= samples < TABLE_SIZE:
+        raise InvalidValue("samples", samples, f"1 to {TABLE_SIZE - 1}")
     objective = _objective(robot, choice, measure)
     starts = _checked_seeds(robot, seeds, shape)
-    batch = Batch(solver, _checked_targets(X_WT, tolerance), starts[:, 0])
+    batch = PoseBatch(arm, _checked_targets(X_WT, tolerance), starts[:, 0])
     batch.attempt(starts)
     status = np.zeros(len(starts), dtype=np.int8)
     unsolved = np.flatnonzero(~batch.success)
     if len(unsolved):
-        part = batch.of(unsolved)
-        status[unsolved] = _restart(part, restarts, rng)
+        part = batch.subset(unsolved)
+        status[unsolved] = restart(part, restarts, rng)
         batch.best[unsolved] = part.best
     found = batch.success.astype(np.int64)
     _apply_choice(batch, status, found, samples, objective, clear)
     return IkSolutions(
-        q=batch.q.copy().reshape(*shape, solver.n),
+        q=batch.q.copy().reshape(*shape, arm.n),
         success=(status == IkStatus.SOLVED).reshape(shape),
         residual=batch.residual.reshape(shape),
         reason=_WORDS[status].reshape(shape),
@@ -362,20 +287,20 @@ def solve_ik(
 
 
 def _apply_choice(
-    batch: Batch,
+    batch: PoseBatch,
     status: NDArray[np.int8],
     found: NDArray[np.int64],
     samples: int,
     objective: Objective | None,
     clear: Clear | None,
 ) -> None:
-    """Make the choice for the poses that are solved; fills in statuses and numbers of postures (N,)."""
+    """Make the choice for the poses that are solved; fills in statuses and numbers of configurations (N,)."""
     index = np.flatnonzero(status == IkStatus.SOLVED)
     if objective is None:
         if clear is None or not len(index):
             return
         index = index[~np.asarray(clear(batch.q[index]), dtype=bool)]
-    for start in range(0, len(index), BLOCK):
-        rows = index[start : start + BLOCK]
+    for start in range(0, len(index), POSES_AT_ONCE):
+        rows = index[start : start + POSES_AT_ONCE]
         usable, found[rows] = _choose(batch, rows, samples, objective, clear)
         status[rows[~usable]] = IkStatus.COLLISION

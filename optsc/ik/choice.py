@@ -1,8 +1,8 @@
-"""A choice among the postures of a pose: several are found, judged, and the chosen one is improved.
+"""Choice among the configurations of a pose: several are found and compared, and the chosen one is improved.
 
-Where the arm has more joints than the pose asks for, the postures of a pose are not points but surfaces. The
-chosen one is then moved on along its surface, by steps towards what is better. The search itself tells how the
-surface runs: from a posture beside it, its least-norm steps lead back on the shortest way.
+Where the arm has more joints than the pose asks for, the configurations of a pose are not points but surfaces
+(self-motion manifolds). The chosen one is then moved along its surface, by steps towards what is better. The search
+itself shows how the surface runs: from a configuration beside it, its least-norm steps lead back on the shortest path.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optsc.geometry.rotation import Array
-from optsc.ik.attempts import Batch
+from optsc.ik.attempts import PoseBatch
+from optsc.robot.manipulability import ManipulabilityMeasure
 from optsc.robot.model import RobotModel
 
 CHOICES = ("first", "nearest", "manipulability")
-"""Which posture of a pose is wanted, see `optsc.ik.batch.solve_ik`."""
+"""Which configuration of a pose is wanted, see `optsc.ik.batch.solve_ik`."""
 DISTINCT = 0.05
-"""Postures count as different when a joint differs by more than this [rad or m]."""
-BLOCK = 256
-"""Poses whose postures are found at once; bounds the memory."""
+"""Configurations count as different when a joint differs by more than this [rad or m]."""
+POSES_AT_ONCE = 256
+"""Poses whose configurations are found at once; bounds the memory."""
 REFINEMENTS = 8
-"""Steps along the surface of postures."""
+"""Steps along the surface of configurations."""
 PROBE = 0.02
 """Greatest change of a joint [rad or m] in finding out how the surface runs."""
 LONGEST_RETURN = 0.5
@@ -34,32 +35,25 @@ DIFFERENCE = 1e-6
 """Step of the difference quotients of a measure [rad or m]."""
 
 Clear: TypeAlias = Callable[[Array], NDArray[np.bool_]]
-"""Collision check of postures (R, n); returns which (R,) touch nothing."""
-
-
-class Measure(Protocol):
-    """How well an arm can move: `optsc.robot.manipulability.Manipulability`, or anything alike."""
-
-    def evaluate(self, robot: RobotModel, q: Array) -> Array:
-        """Return the measure (...) at postures ``q`` (..., n); higher is better."""
+"""Collision check of configurations (R, n); returns which (R,) touch nothing."""
 
 
 class Objective(Protocol):
-    """What makes one posture of a pose better than another."""
+    """What makes one configuration of a pose better than another."""
 
     @property
     def step(self) -> float:
         """How much of a direction is tried first."""
 
     def value(self, q: Array, seeds: Array) -> Array:
-        """Return the objective (R,) at postures (R, n); lower is better."""
+        """Return the objective (R,) at configurations (R, n); lower is better."""
 
     def direction(self, q: Array, seeds: Array) -> Array:
         """Return directions (R, n) in which it falls."""
 
 
 @dataclass(frozen=True)
-class Nearest:
+class NearestToSeed:
     """Distance to the seed, √Σ (q - q_seed)²."""
 
     step: float = 1.0
@@ -69,7 +63,7 @@ class Nearest:
         return np.linalg.norm(q - seeds, axis=1)
 
     def direction(self, q: Array, seeds: Array) -> Array:
-        """Return the way to the seed (R, n)."""
+        """Return the direction to the seed (R, n)."""
         return seeds - q
 
 
@@ -78,7 +72,7 @@ class MostManipulable:
     """The measure with its sign turned."""
 
     robot: RobotModel
-    measure: Measure
+    measure: ManipulabilityMeasure
     step: float = 0.2
 
     def value(self, q: Array, seeds: Array) -> Array:
@@ -94,8 +88,8 @@ class MostManipulable:
 
 
 @dataclass
-class Postures:
-    """Up to K postures of each of R poses.
+class Configurations:
+    """Up to K configurations of each of R poses.
 
     Attributes:
         q: (R, K, n).
@@ -114,31 +108,33 @@ class Postures:
         self.found = np.count_nonzero(self.usable & ~repeats, axis=1)
 
 
-def collect(batch: Batch, samples: int) -> Postures:
-    """Return the posture that each pose of the batch has, and those that ``samples`` other starts lead to."""
-    solver = batch.solver
-    starts = solver.first_table.q[solver.first_table.nearest(batch.wanted(), samples)]
+def collect(batch: PoseBatch, samples: int) -> Configurations:
+    """Return the configuration that each pose of the batch has, and those that ``samples`` other starts lead to."""
+    table = batch.arm.first_table
+    starts = table.q[table.nearest(batch.features(), samples)]
     rows = np.repeat(np.arange(len(starts)), samples)
-    others = batch.fresh(rows)
-    others.attempt(starts.reshape(-1, 1, solver.n))
+    others = batch.unsolved_subset(rows)
+    others.attempt(starts.reshape(-1, 1, batch.arm.n))
     shape = (len(starts), samples)
     q = np.concatenate([batch.q[:, None], others.q.reshape(*shape, -1)], axis=1)
-    return Postures(q, np.concatenate([batch.success[:, None], others.success.reshape(shape)], axis=1))
+    return Configurations(q, np.concatenate([batch.success[:, None], others.success.reshape(shape)], axis=1))
 
 
-def choose(batch: Batch, postures: Postures, objective: Objective | None) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the best usable posture (R, n) of each pose, by default the first, and which poses have one (R,)."""
-    count, each, n = postures.q.shape
+def choose(
+    batch: PoseBatch, found: Configurations, objective: Objective | None
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the best usable configuration (R, n) of each pose, by default the first, and which poses have one (R,)."""
+    count, each, n = found.q.shape
     value = np.broadcast_to(np.arange(float(each)), (count, each))
     if objective is not None:
-        value = objective.value(postures.q.reshape(-1, n), np.repeat(batch.seeds, each, axis=0))
+        value = objective.value(found.q.reshape(-1, n), np.repeat(batch.seeds, each, axis=0))
         value = value.reshape(count, each)
-    best = np.argmin(np.where(postures.usable, value, np.inf), axis=1)
-    return postures.q[np.arange(count), best], np.any(postures.usable, axis=1)
+    best = np.argmin(np.where(found.usable, value, np.inf), axis=1)
+    return found.q[np.arange(count), best], np.any(found.usable, axis=1)
 
 
-def refine(batch: Batch, q: Array, objective: Objective, clear: Clear | None) -> Array:
-    """Return postures (R, n) of the same poses that are no worse than ``q`` (R, n), and as clear."""
+def refine(batch: PoseBatch, q: Array, objective: Objective, clear: Clear | None) -> Array:
+    """Return configurations (R, n) of the same poses that are no worse than ``q`` (R, n), and as clear."""
     begin, q = q, q.copy()
     value, step = objective.value(q, batch.seeds), np.full(len(q), objective.step)
     for _ in range(REFINEMENTS):
@@ -149,21 +145,21 @@ def refine(batch: Batch, q: Array, objective: Objective, clear: Clear | None) ->
         q[better], value[better] = after[better], worth[better]
         step = np.where(better, np.minimum(1.5 * step, 2.0 * objective.step), 0.3 * step)
     if clear is not None and len(q):
-        touching = ~np.asarray(clear(q), dtype=bool)
-        q[touching] = begin[touching]
+        colliding = ~np.asarray(clear(q), dtype=bool)
+        q[colliding] = begin[colliding]
     return q
 
 
-def _nearest_on_the_surface(batch: Batch, start: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the postures (R, n) that the search leads to, and which (R,) meet the pose near their start."""
-    start = batch.solver.limits.clip(start)
-    trial = Batch(batch.solver, batch.targets, batch.seeds)
+def _nearest_on_the_surface(batch: PoseBatch, start: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the configurations (R, n) that the search leads to, and which (R,) meet the pose near their start."""
+    start = batch.arm.limits.clip(start)
+    trial = PoseBatch(batch.arm, batch.targets, batch.seeds)
     trial.attempt(start[:, None])
     near = np.max(np.abs(trial.q - start), axis=1) < LONGEST_RETURN
     return trial.q, np.logical_and(trial.success, near)
 
 
-def _along_the_surface(batch: Batch, q: Array, direction: Array) -> Array:
+def _along_the_surface(batch: PoseBatch, q: Array, direction: Array) -> Array:
     """Return what a direction (R, n) is once the part that leaves the surface is taken off."""
     size = np.max(np.abs(direction), axis=1, keepdims=True)
     small = np.minimum(1.0, PROBE / np.maximum(size, 1e-12))
@@ -171,8 +167,8 @@ def _along_the_surface(batch: Batch, q: Array, direction: Array) -> Array:
     return np.where(met[:, None], (after - q) / small, 0.0)
 
 
-def only_clear(postures: Postures, clear: Clear) -> None:
-    """Make postures that touch something unusable."""
-    rows = np.nonzero(postures.usable)
+def only_clear(found: Configurations, clear: Clear) -> None:
+    """Make configurations that touch something unusable."""
+    rows = np.nonzero(found.usable)
     if len(rows[0]):
-        postures.usable[rows] = np.asarray(clear(postures.q[rows]), dtype=bool)
+        found.usable[rows] = np.asarray(clear(found.q[rows]), dtype=bool)

@@ -13,11 +13,12 @@ interval of every joint), which keeps this room free of limits.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.checks import Checked, Each, NonNegative, Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
 from optsc.ik.solvers import QpSolver, Rows, make_solver
@@ -62,7 +63,7 @@ def ramp_time(limits: JointLimits) -> float:
 
 
 @dataclass(frozen=True)
-class IkSettings:
+class IkSettings(Checked):
     """Weights and gains of the quadratic program.
 
     Attributes:
@@ -84,41 +85,22 @@ class IkSettings:
         error_damping: further damping per squared weighted error; calms the arm where a target is out of reach [1].
     """
 
-    position_weight: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    orientation_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
-    position_tolerance: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    orientation_tolerance: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gain: float = 20.0
-    braking: tuple[float, float] | None = None
-    largest_error: tuple[float, float] = (0.03, 0.1)
-    posture_weight: float = 1e-4
-    posture_gain: float = 1.0
-    manipulability_gain: float = 0.0
-    smoothing: float = 5e-3
-    damping: float = 1e-5
-    error_damping: float = 20.0
+    position_weight: Annotated[tuple[float, float, float], Each(NonNegative)] = (1.0, 1.0, 1.0)
+    orientation_weight: Annotated[tuple[float, float, float], Each(NonNegative)] = (0.3, 0.3, 0.3)
+    position_tolerance: Annotated[tuple[float, float, float], Each(NonNegative)] = (0.0, 0.0, 0.0)
+    orientation_tolerance: Annotated[tuple[float, float, float], Each(NonNegative)] = (0.0, 0.0, 0.0)
+    gain: Annotated[float, NonNegative] = 20.0
+    braking: Annotated[tuple[float, float] | None, Each(NonNegative)] = None
+    largest_error: Annotated[tuple[float, float], Each(NonNegative)] = (0.03, 0.1)
+    posture_weight: Annotated[float, NonNegative] = 1e-4
+    posture_gain: Annotated[float, NonNegative] = 1.0
+    manipulability_gain: Annotated[float, NonNegative] = 0.0
+    smoothing: Annotated[float, NonNegative] = 5e-3
+    damping: Annotated[float, NonNegative] = 1e-5
+    error_damping: Annotated[float, NonNegative] = 20.0
 
     def __post_init__(self) -> None:
-        lengths = {"position_weight": 3, "orientation_weight": 3, "largest_error": 2}
-        lengths |= {"position_tolerance": 3, "orientation_tolerance": 3}
-        if self.braking is not None:
-            lengths["braking"] = 2
-        for name, length in lengths.items():
-            value = getattr(self, name)
-            if len(value) != length or not all(np.isfinite(w) and w >= 0 for w in value):
-                raise InvalidValue(name, value, f"{length} finite numbers, none negative")
-        for name in (
-            "gain",
-            "posture_weight",
-            "posture_gain",
-            "manipulability_gain",
-            "smoothing",
-            "damping",
-            "error_damping",
-        ):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidValue(name, value, "finite and not negative")
+        super().__post_init__()
         if self.manipulability_gain > 0 and self.posture_gain * self.posture_weight == 0:
             raise InvalidValue(
                 "manipulability_gain", self.manipulability_gain, "zero where there is no posture task"
@@ -175,8 +157,7 @@ class DifferentialIK:
     manipulability: Manipulability = field(default_factory=Manipulability)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.period) and self.period > 0):
-            raise InvalidValue("period", self.period, "positive [s]")
+        require("period", self.period, Positive)
         self._kernel = build_kernel(pose_task(self.robot.chain))
         self._q, self._reference, self._twist, self._posture, self._onward, vector = self._kernel.inputs
         self._carried = smoothness(self.settings.smoothing, self.period)[1] * self.period

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optsc.checks import Above, ArrayOf, AtMost, Checked, Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
 from optsc.kernels.rows import Rates
 
 
 @dataclass(frozen=True, eq=False)
-class JointLimits:
+class JointLimits(Checked):
     """Limits of n joints, SI units.
 
     Attributes:
@@ -21,26 +23,16 @@ class JointLimits:
         velocity, acceleration, jerk: greatest magnitudes (n,) [rad/s, rad/s^2, rad/s^3], positive and finite.
     """
 
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
-    jerk: Array
+    lower: Annotated[Array, ArrayOf("n")]
+    upper: Annotated[Array, ArrayOf("n")]
+    velocity: Annotated[Array, ArrayOf("n"), Positive]
+    acceleration: Annotated[Array, ArrayOf("n"), Positive]
+    jerk: Annotated[Array, ArrayOf("n"), Positive]
 
     def __post_init__(self) -> None:
-        count = np.shape(self.lower)
-        for name in ("lower", "upper", "velocity", "acceleration", "jerk"):
-            value = np.array(getattr(self, name), dtype=float)
-            if value.ndim != 1 or value.shape != count:
-                raise InvalidValue(f"{name} limits", value.shape, f"shape {count}, one value per joint")
-            value.flags.writeable = False
-            object.__setattr__(self, name, value)
+        super().__post_init__()
         if not np.all(self.lower < self.upper):
             raise InvalidValue("position limits", (self.lower.tolist(), self.upper.tolist()), "lower < upper")
-        for name in ("velocity", "acceleration", "jerk"):
-            value = getattr(self, name)
-            if not np.all(np.isfinite(value) & (value > 0)):
-                raise InvalidValue(f"{name} limits", value.tolist(), "positive and finite")
 
     def __len__(self) -> int:
         return len(self.lower)
@@ -74,8 +66,7 @@ class JointLimits:
     ) -> JointLimits:
         """Return limits with the rates multiplied by factors in (0, 1]; raise `InvalidValue`."""
         for name, factor in (("velocity", velocity), ("acceleration", acceleration), ("jerk", jerk)):
-            if not 0.0 < factor <= 1.0:
-                raise InvalidValue(f"{name} factor", factor, "in (0, 1]")
+            require(f"{name} factor", factor, Above(0.0), AtMost(1.0))
         return replace(
             self,
             velocity=self.velocity * velocity,

@@ -1,10 +1,10 @@
-"""Penalised manipulability M: how far a posture is from singularities (S) and from joint limits (L).
+"""Penalised manipulability M: how far a configuration is from singularities (S) and from joint limits (L).
 
 With the singular values σ of the Jacobian J (the min(6, n) greatest), S is one of
 
 * ``yoshikawa``: the product of the σ, which is √det(J Jᵀ) for six joints or more; T. Yoshikawa,
   "Manipulability of robotic mechanisms", IJRR 4(2), 1985. Its unit depends on the arm, so it compares
-  postures of one arm;
+  configurations of one arm;
 * ``inverse_condition``: least over greatest σ, in [0, 1];
 * ``minimum_singular_value``: least σ [m].
 
@@ -23,7 +23,7 @@ whose slope grows without bound towards the limits, column j is multiplied
 * ``chan_dubey``: by wⱼ = 1 / √(1 + |∂H/∂qⱼ|); T. F. Chan, R. V. Dubey, "A weighted least-norm solution based scheme
   for avoiding joint limits for redundant joint manipulators", IEEE T-RA 11(2), 1995;
 * ``vahrenkamp``: by wⱼ only where the motion goes towards the nearer limit. For each of the 64 combinations of
-  signs γ of the tool's motion, entry (i, j) is multiplied where γᵢ Jᵢⱼ has the sign of that way; M is the least S of
+  signs γ of the tool's motion, entry (i, j) is multiplied where γᵢ Jᵢⱼ has the sign of that motion; M is the least S of
   all; N. Vahrenkamp, T. Asfour, G. Metta, G. Sandini, R. Dillmann, "Manipulability analysis", Humanoids 2012,
   without its factor for obstacles (a clearance is a cost of its own here).
 
@@ -38,11 +38,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.errors import InvalidValue, UnknownName
+from optsc.checks import Checked, OneOf, Positive
+from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
 from optsc.kernels import manipulability as parts
 from optsc.kernels.kernel import BatchKernel, Kernel, build_batch_kernel, build_kernel
@@ -50,12 +52,19 @@ from optsc.robot.model import RobotModel
 
 SINGULARITY = ("yoshikawa", "inverse_condition", "minimum_singular_value")
 JOINT_LIMITS = ("tsai", "tsai_raw", "chan_dubey", "vahrenkamp", "none")
-LOOP = 8
-"""Postures in one compiled loop."""
+PER_LOOP = 8
+"""Configurations in one compiled loop."""
+
+
+class ManipulabilityMeasure(Protocol):
+    """How well an arm can move: `Manipulability`, or a user-defined measure."""
+
+    def evaluate(self, robot: RobotModel, q: Array) -> Array:
+        """Return the measure (...) at configurations ``q`` (..., n); higher is better."""
 
 
 @dataclass(frozen=True)
-class Manipulability:
+class Manipulability(Checked):
     """A definition of penalised manipulability, see the module.
 
     Attributes:
@@ -65,20 +74,10 @@ class Manipulability:
         length: what the angular rows are multiplied by [m], unless S is ``yoshikawa``.
     """
 
-    singularity: str = "yoshikawa"
-    joint_limits: str = "tsai"
-    k: float = 5.0
-    length: float = 0.15
-
-    def __post_init__(self) -> None:
-        if self.singularity not in SINGULARITY:
-            raise UnknownName("singularity measure", self.singularity, SINGULARITY)
-        if self.joint_limits not in JOINT_LIMITS:
-            raise UnknownName("joint limit measure", self.joint_limits, JOINT_LIMITS)
-        for name in ("k", "length"):
-            value = getattr(self, name)
-            if not 0.0 < value < np.inf:
-                raise InvalidValue(name, value, "positive and finite")
+    singularity: Annotated[str, OneOf(SINGULARITY, "singularity measure")] = "yoshikawa"
+    joint_limits: Annotated[str, OneOf(JOINT_LIMITS, "joint limit measure")] = "tsai"
+    k: Annotated[float, Positive] = 5.0
+    length: Annotated[float, Positive] = 0.15
 
     @classmethod
     def simox(cls) -> Manipulability:
@@ -86,7 +85,7 @@ class Manipulability:
         return cls("inverse_condition", "tsai_raw", k=50.0, length=0.15)
 
     def evaluate(self, robot: RobotModel, q: ArrayLike) -> Array:
-        """Return M (...), zero or more, at postures ``q`` (..., n).
+        """Return M (...), zero or more, at configurations ``q`` (..., n).
 
         Least singular values are roots of eigenvalues of J Jᵀ, so they are good to 1e-8 of the greatest.
 
@@ -109,7 +108,7 @@ class Manipulability:
         return M.reshape(q.shape[:-1])
 
     def gradient(self, robot: RobotModel, q: ArrayLike) -> Array:
-        """Return dM/dq (n,) at a posture ``q`` (n,).
+        """Return dM/dq (n,) at a configuration ``q`` (n,).
 
         M has kinks: at singularities, at the limits, in the middle between them where they enter the Jacobian, and
         where two singular values or two hyperoctants change places. There the result is finite, and one of the
@@ -185,9 +184,11 @@ DEFINITIONS: Mapping[str, Manipulability] = MappingProxyType(
 @lru_cache(maxsize=32)
 def _products(robot: RobotModel, joint_limits: str) -> BatchKernel:
     if joint_limits == "vahrenkamp":
-        return build_batch_kernel(parts.least_product(robot.chain, robot.limits.positions), LOOP, shared=1)
+        return build_batch_kernel(
+            parts.least_product(robot.chain, robot.limits.positions), PER_LOOP, shared=1
+        )
     return build_batch_kernel(
-        parts.penalised_product(robot.chain, robot.limits.positions, joint_limits), LOOP, shared=1
+        parts.penalised_product(robot.chain, robot.limits.positions, joint_limits), PER_LOOP, shared=1
     )
 
 
@@ -198,7 +199,9 @@ def _product_slope(robot: RobotModel, joint_limits: str) -> Kernel:
 
 @lru_cache(maxsize=32)
 def _grams(robot: RobotModel, joint_limits: str) -> BatchKernel:
-    return build_batch_kernel(parts.grams(robot.chain, robot.limits.positions, joint_limits), LOOP, shared=2)
+    return build_batch_kernel(
+        parts.grams(robot.chain, robot.limits.positions, joint_limits), PER_LOOP, shared=2
+    )
 
 
 @lru_cache(maxsize=32)

@@ -106,7 +106,7 @@ class PositionDistance(GraspCost):
 class ManipulabilityLoss(TableCost):
     """-M, the penalised manipulability at the grasp's configuration with its sign turned; a plain number.
 
-    Its definition is that of the `optsc.selection.reach_columns.Measure` that filled the table.
+    Its definition is that of the `optsc.robot.manipulability.ManipulabilityMeasure` that filled the table.
     """
 
     name = "manipulability"

@@ -19,11 +19,12 @@ from optsc.checks import NonNegative, require
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
-from optsc.selection.reach_columns import Measure, ReachedRows, StraightMotion, measured, require_measurable
+from optsc.selection.reach_columns import ReachedRows, StraightMotion, measured, require_measurable
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
     from optsc.robot import RobotModel
+    from optsc.robot.manipulability import ManipulabilityMeasure
 
 REACHED, UNREACHABLE, PREGRASP_UNREACHABLE, COLLISION, NO_STRAIGHT_APPROACH = range(5)
 REASONS = ("", "unreachable", "pre-grasp unreachable", "collision", "no straight approach")
@@ -110,7 +111,7 @@ class _Tools(NamedTuple):
 
     robot: RobotModel
     solve: SolveIk
-    manipulability: Measure
+    manipulability: ManipulabilityMeasure
     clear: ClearRows | None
     motion: StraightMotion | None
     columns: frozenset[str]
@@ -122,7 +123,7 @@ def solve_reach(
     q: ArrayLike,
     *,
     solve: SolveIk,
-    manipulability: Measure,
+    manipulability: ManipulabilityMeasure,
     standoff: float = 0.10,
     clear: ClearRows | None = None,
     motion: StraightMotion | None = None,
@@ -187,7 +188,7 @@ def refresh(
     *,
     robot: RobotModel,
     solve: SolveIk,
-    manipulability: Measure,
+    manipulability: ManipulabilityMeasure,
     clear: ClearRows | None = None,
     motion: StraightMotion | None = None,
 ) -> ReachTable:

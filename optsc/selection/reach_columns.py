@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from optsc.grasps import Candidates
     from optsc.robot import RobotModel
     from optsc.robot.collision import CollisionScene
+    from optsc.robot.manipulability import ManipulabilityMeasure
     from optsc.robot.rollout import StraightLineRollout
 
 CLEARANCE = "clearance"
@@ -41,13 +42,6 @@ OVERLAP = -0.1
 """Clearances below this [m] all count as this: how deep capsules overlap tells nothing."""
 TO_PREGRASP, TO_GRASP = 6, 2
 """Configurations at which the two parts of the path are measured."""
-
-
-class Measure(Protocol):
-    """How well the arm can move: `optsc.robot.manipulability.Manipulability`, or anything alike."""
-
-    def evaluate(self, robot: RobotModel, q: Array) -> Array:
-        """Return the measure (...) at configurations ``q`` (..., n); higher is better."""
 
 
 @runtime_checkable
@@ -201,7 +195,7 @@ class ReachedRows(NamedTuple):
 def measured(
     columns: frozenset[str],
     rows: ReachedRows,
-    manipulability: Measure,
+    manipulability: ManipulabilityMeasure,
     motion: StraightMotion | None,
     clear: Any,
 ) -> dict[str, Array]:

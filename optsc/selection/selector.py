@@ -20,12 +20,13 @@ from optsc.selection.grid import Grid, Situation
 from optsc.selection.hysteresis import Hysteresis, Viewpoint
 from optsc.selection.ranking import Ranking
 from optsc.selection.reach import ClearRows, ReachTable, SolveIk, refresh, solve_reach
-from optsc.selection.reach_columns import Measure, StraightMotion, needed
+from optsc.selection.reach_columns import StraightMotion, needed
 from optsc.selection.rules import Cascade, Rule
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
     from optsc.robot import RobotModel
+    from optsc.robot.manipulability import ManipulabilityMeasure
 
 FINALISTS = 6
 """How many of the best grasps of each object must be judged from the arm's present posture."""
@@ -73,7 +74,7 @@ class GraspSelector:
         self,
         robot: RobotModel,
         rule: Rule | None = None,
-        manipulability: Measure | None = None,
+        manipulability: ManipulabilityMeasure | None = None,
         *,
         standoff: float = 0.1,
         filters: Sequence[GraspFilter] = (),

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-import numpy as np
-
-from optsc.errors import InvalidValue, SolverFailure
+from optsc.checks import Checked, NonNegative, Positive
+from optsc.errors import SolverFailure
 
 
 class PathPoint(NamedTuple):
@@ -19,33 +18,25 @@ class PathPoint(NamedTuple):
 
 
 @dataclass(frozen=True)
-class TimeLaw:
+class TimeLaw(Checked):
     """The quickest motion over ``length`` from rest to rest within speed, acceleration and jerk limits.
 
     The unit of length is the caller's (a path in metres, a share of a path); limits are in it per s, s^2, s^3.
     """
 
-    length: float
-    speed: float
-    acceleration: float
-    jerk: float
+    length: Annotated[float, NonNegative]
+    speed: Annotated[float, Positive]
+    acceleration: Annotated[float, Positive]
+    jerk: Annotated[float, Positive]
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.length) and self.length >= 0):
-            raise InvalidValue("path length", self.length, "finite and not negative")
-        for name in ("speed", "acceleration", "jerk"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidValue(f"path {name}", value, "positive and finite")
+        super().__post_init__()
         from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
         plan, trajectory = InputParameter(1), Trajectory(1)
         plan.target_position = [self.length]
-        plan.max_velocity, plan.max_acceleration, plan.max_jerk = (
-            [self.speed],
-            [self.acceleration],
-            [self.jerk],
-        )
+        plan.max_velocity, plan.max_acceleration = [self.speed], [self.acceleration]
+        plan.max_jerk = [self.jerk]
         try:
             result = Ruckig(1).calculate(plan, trajectory)
         except RuckigError as error:

@@ -5,7 +5,7 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
-from optsc.ik.attempts import solver_of
+from optsc.ik.arm import arm_search
 from optsc.ik.batch import solve_ik
 from optsc.kernels import compiler
 from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
@@ -177,7 +177,7 @@ def test_restarts_find_what_the_seed_does_not():
 
 @pytest.mark.parametrize("seed", [0, 1, 2307])
 def test_further_tables_of_starts_do_not_repeat_the_first(seed):
-    solver = solver_of(PANDA)
+    solver = arm_search(PANDA)
     drawn = solver.table(np.random.default_rng(seed))
     assert not np.isin(drawn.q, solver.first_table.q).any()
 

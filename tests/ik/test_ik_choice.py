@@ -6,7 +6,7 @@ import pytest
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
-from optsc.ik import attempts
+from optsc.ik import arm
 from optsc.ik.batch import REASONS, IkStatus, deviation, solve_ik
 from optsc.kernels.rotations import tool_deviation
 from optsc.robot import ROBOT_NAMES, load_robot
@@ -312,7 +312,7 @@ def test_the_memory_of_one_call_is_not_that_of_the_next():
     kept = first.q.copy()
     solve_ik(PANDA, X_WT[1])
     np.testing.assert_array_equal(first.q, kept)
-    assert attempts.solver_of(PANDA) is attempts.solver_of(PANDA)
+    assert arm.arm_search(PANDA) is arm.arm_search(PANDA)
 
 
 # Errors -------------------------------------------------------------------------------------------------------------

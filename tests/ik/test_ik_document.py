@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from optsc.geometry import rotation
-from optsc.ik.batch import FIRST_STARTS, LIMIT_PROBES, REASONS, RESTARTS, SAMPLES, deviation
+from optsc.ik.arm import TABLE_SIZE, features
+from optsc.ik.attempts import FIRST_STARTS, LIMIT_PROBES
+from optsc.ik.batch import CHOICE_STARTS, REASONS, RESTARTS, deviation
 from optsc.ik.choice import DISTINCT
-from optsc.ik.starts import TABLE, features
 from optsc.kernels import build_kernel
 from optsc.kernels.search import AIM, FALL, ITERATIONS, PATIENCE, _iteration
 from optsc.robot import load_robot
@@ -48,7 +49,7 @@ def test_starts_are_compared_by_the_distance_of_the_page():
     theta = rotation.angle(quaternion[0], quaternion[1])
     square = (0.8 * np.sin(theta / 2)) ** 2 + np.sum((p[0] - p[1]) ** 2) + 0.01 * np.sum((q[0] - q[1]) ** 2)
     assert np.sum((a - b) ** 2) == pytest.approx(square)
-    assert (TABLE, FIRST_STARTS, RESTARTS, SAMPLES, LIMIT_PROBES) == (512, 24, 32, 16, 16)
+    assert (TABLE_SIZE, FIRST_STARTS, RESTARTS, CHOICE_STARTS, LIMIT_PROBES) == (512, 24, 32, 16, 16)
     assert (DISTINCT, AIM) == (0.05, 0.5)
 
 

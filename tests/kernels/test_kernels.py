@@ -13,7 +13,7 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
-from optsc.ik.reach import reach
+from optsc.ik.arm import ReachBound
 from optsc.kernels import (
     build_batch_kernel,
     build_kernel,
@@ -317,10 +317,10 @@ def test_the_kernels_rotation_vector_has_the_length_of_the_rotation(angle):
 
 def test_no_posture_is_out_of_reach(robot):
     X_WT = robot.forward(robot.random_configuration(np.random.default_rng(5), (500,)))
-    assert not reach(robot).excludes(X_WT.quaternion, X_WT.translation).any()
+    assert not ReachBound.of(robot).excludes(X_WT.quaternion, X_WT.translation).any()
 
 
 def test_a_pose_further_away_than_the_arm_is_long_is_out_of_reach(robot):
     X_WT = robot.forward(robot.home[None])
     far = Pose.from_translation([3.0, 0.0, 0.0]) @ X_WT
-    assert reach(robot).excludes(far.quaternion, far.translation).all()
+    assert ReachBound.of(robot).excludes(far.quaternion, far.translation).all()

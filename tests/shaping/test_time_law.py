@@ -38,7 +38,7 @@ def test_the_ends_hold_before_and_after():
 
 @pytest.mark.parametrize("wrong", [{"speed": -0.1}, {"speed": 0.0}, {"length": -1.0}, {"jerk": np.inf}])
 def test_impossible_laws_are_refused(wrong):
-    with pytest.raises(InvalidValue, match="path"):
+    with pytest.raises(InvalidValue, match="TimeLaw"):
         TimeLaw(**{"length": 1.0, "speed": 0.1, "acceleration": 0.5, "jerk": 5.0, **wrong})
 
 
