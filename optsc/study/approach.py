@@ -21,7 +21,7 @@ from optsc.study.engine import Engine
 from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.outcomes import MEASURED, Row
 from optsc.study.scenes import Scene
-from optsc.study.statistics import PairedDifference, averages, paired_difference, share_interval
+from optsc.study.statistics import Interval, PairedDifference, averages, paired_difference, share_interval
 
 STRATEGIES = (PAPER, MANIPULABILITY_ONLY)
 CLAIMS: dict[str, tuple[str, float]] = {
@@ -96,16 +96,20 @@ class StrategyComparison(NamedTuple):
     cases: tuple[int, int, int]
     scenes: tuple[int, int]
     differences: dict[str, PairedDifference]
-    arrived: dict[str, tuple[float, float, float]]
+    arrived: dict[str, Interval]
 
 
 def compare(rows: Sequence[Row], seed: int = 0) -> list[StrategyComparison]:
     """Return the comparison for each arm and definition of M in ``rows``; ``seed`` is of the bootstrap."""
     return [
-        _compared(robot, measure, pairs_of(rows, robot, measure), seed)
-        for robot in dict.fromkeys(row["robot"] for row in rows)
-        for measure in dict.fromkeys(row["measure"] for row in rows)
+        _compared(robot, measure, pairs_of(rows, robot, measure), seed) for robot, measure in _factors(rows)
     ]
+
+
+def _factors(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """Return every arm with every definition of M, in order of appearance."""
+    robots, measures = (dict.fromkeys(row[name] for row in rows) for name in ("robot", "measure"))
+    return list(product(robots, measures))
 
 
 def _compared(robot: str, measure: str, pairs: Sequence[StrategyPair], seed: int) -> StrategyComparison:
@@ -115,9 +119,10 @@ def _compared(robot: str, measure: str, pairs: Sequence[StrategyPair], seed: int
         paper, other = pair_means(complete, name)
         # The same resamples for every measure: intervals differ by the data alone.
         differences[name] = paired_difference(paper, other, np.random.default_rng(seed))
-    arrived: dict[str, tuple[float, float, float]] = {}
-    for strategy, shares in zip(STRATEGIES, pair_means(pairs, "success"), strict=True):
-        arrived[strategy.name] = tuple(share_interval(sum(shares), len(shares)))  # type: ignore[assignment]
+    arrived = {
+        strategy.name: share_interval(sum(shares), len(shares))
+        for strategy, shares in zip(STRATEGIES, pair_means(pairs, "success"), strict=True)
+    }
     counts = (len(pairs), len(complete), sum(pair.same_grasp for pair in complete))
     scenes = (len(_scenes(pairs)), len(_scenes(complete)))
     return StrategyComparison(robot, measure, counts, scenes, differences, arrived)
@@ -169,13 +174,12 @@ class Failure(NamedTuple):
 
 def failures(rows: Sequence[Row]) -> list[Failure]:
     """Return every case in which some part of the claim fails, the longest detours first."""
-    found = []
-    for robot in dict.fromkeys(row["robot"] for row in rows):
-        for measure in dict.fromkeys(row["measure"] for row in rows):
-            for pair in pairs_of(rows, robot, measure):
-                parts = _worse(pair)
-                if parts:
-                    found.append(Failure(pair, parts, _why(pair, parts)))
+    found = [
+        Failure(pair, parts, _why(pair, parts))
+        for robot, measure in _factors(rows)
+        for pair in pairs_of(rows, robot, measure)
+        if (parts := _worse(pair))
+    ]
     return sorted(found, key=lambda failure: -failure.parts.get("shorter", 0.0))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,22 +14,21 @@ from optsc.study.approach import (
     STRATEGIES,
     Failure,
     StrategyComparison,
-    StrategyPair,
     explanation,
     pair_means,
     pairs_of,
 )
-from optsc.study.conditions import Condition, OperatorSpec
-from optsc.study.engine import Engine
+from optsc.study.conditions import OperatorSpec
 from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.outcomes import Row
+from optsc.study.report_parts import APPROACH_PATHS, approach_paths, bounds, path_picture, percentage
 from optsc.study.scenes import Scene
 from optsc.viewers.report import Picture, Report, Table
-from optsc.viewers.report_motion import ToolPath, timelines, trajectories
+from optsc.viewers.report_motion import timelines
 from optsc.viewers.report_statistics import Estimate, Scatter, forest, paired_scatter
 
-EXPLAINED = 12
-"""Failing cases that are told in words, the longest detours first."""
+LISTED, EXPLAINED = 40, 12
+"""Failing cases that are listed, and that are explained in words, the longest detours first."""
 DRAWN = 2
 """Failing cases that are drawn for each arm."""
 UNITS = {"shorter": "path [m]", "turns less": "turn [rad]", "quicker": "time [s]"}
@@ -84,18 +84,13 @@ def _counts(comparisons: Sequence[StrategyComparison]) -> list[Table]:
     head = ["arm", "M", *counted, *(f"success: {s.name}" for s in STRATEGIES)]
     lines = []
     for c in comparisons:
-        shares = [_share(c.arrived[strategy.name]) for strategy in STRATEGIES]
+        shares = [percentage(c.arrived[strategy.name]) for strategy in STRATEGIES]
         lines.append([c.robot, c.measure, *c.cases, *c.scenes, *shares])
     caption = (
         "A case is a person in a scene. Success is arriving at a grasp of the wanted object, a mean over scenes with "
         "Wilson's interval for as many trials as there are scenes"
     )
     return [Table(head, lines, caption)]
-
-
-def _share(interval: tuple[float, float, float]) -> str:
-    value, low, high = (100.0 * x for x in interval)
-    return f"{value:.1f} % ({low:.1f} to {high:.1f})"
 
 
 def _forest(comparisons: Sequence[StrategyComparison]) -> Picture:
@@ -119,18 +114,7 @@ def _forest(comparisons: Sequence[StrategyComparison]) -> Picture:
 
 
 def _tables(comparisons: Sequence[StrategyComparison]) -> list[Table]:
-    head = [
-        "M",
-        "scenes",
-        "paper",
-        "other",
-        "difference",
-        "95 %",
-        "relative",
-        "d_z",
-        "rank-biserial",
-        "paper better",
-    ]
+    head = ["M", "scenes", "paper", "other", "difference", "95 %", "relative", "d_z", "rank-biserial"]
     tables = []
     for robot in dict.fromkeys(c.robot for c in comparisons):
         for part, (name, sign) in CLAIMS.items():
@@ -138,10 +122,10 @@ def _tables(comparisons: Sequence[StrategyComparison]) -> list[Table]:
             for c in (c for c in comparisons if c.robot == robot):
                 d = c.differences[name]
                 better = d.less if sign < 0.0 else d.more
-                interval = f"{d.mean.low:.3g} to {d.mean.high:.3g}"
-                numbers = [d.pairs, d.mean_a, d.mean_b, d.mean.value, interval, f"{100 * d.relative:.1f} %"]
+                relative = f"{100 * d.relative:.1f} %"
+                numbers = [d.pairs, d.mean_a, d.mean_b, d.mean.value, bounds(d.mean), relative]
                 lines.append([c.measure, *numbers, d.d_z, d.rank_biserial, f"{100 * better:.0f} %"])
-            tables.append(Table(head, lines, f"{robot}: {part} ({name})"))
+            tables.append(Table([*head, "paper better"], lines, f"{robot}: {part} ({name})"))
     return tables
 
 
@@ -156,7 +140,7 @@ def _scatter(rows: Sequence[Row], comparisons: Sequence[StrategyComparison]) -> 
     return Picture(
         "paths",
         figure,
-        "One point per scene, a mean where several people were in it; below the diagonal the paper's way is shorter.",
+        "One point per scene, a mean where several people were in it; below the diagonal the paper's path is shorter.",
     )
 
 
@@ -166,12 +150,12 @@ def _failure_tables(failed: Sequence[Failure]) -> list[Table | str]:
     reasons: Counter[tuple[str, str]] = Counter((f.pair.paper["robot"], f.why) for f in failed)
     lines = [[robot, why, count] for (robot, why), count in reasons.most_common()]
     listed = []
-    for failure in failed[:40]:
-        paper, other = failure.pair
-        numbers = [_millimetres(paper), _millimetres(other), paper["path_length_m"], other["path_length_m"]]
-        times = [paper["duration_s"], other["duration_s"]]
+    columns = {"jump_target_distance_m": 1e3, "path_length_m": 1.0, "duration_s": 1.0}
+    for failure in failed[:LISTED]:
+        paper = failure.pair.paper
+        numbers = [scale * side[name] for name, scale in columns.items() for side in failure.pair]
         case = [paper["robot"], paper["measure"], paper["scene_seed"], paper["goal"]]
-        listed.append([*case, *numbers, *times, ", ".join(failure.parts)])
+        listed.append([*case, *numbers, ", ".join(failure.parts)])
     head = [
         "arm",
         "M",
@@ -182,22 +166,12 @@ def _failure_tables(failed: Sequence[Failure]) -> list[Table | str]:
         "path, paper [m]",
         "other [m]",
     ]
+    counted = "Why some part of the claim fails, counted over all definitions of M"
+    longest = f"The {len(listed)} longest detours of {len(failed)}; all of them with all numbers are in failures.csv"
     return [
-        Table(
-            ["arm", "why", "cases"],
-            lines,
-            "Why some part of the claim fails, counted over all definitions of M",
-        ),
-        Table(
-            [*head, "time, paper [s]", "other [s]", "parts that fail"],
-            listed,
-            f"The {len(listed)} longest detours of {len(failed)}; all of them with all numbers are in failures.csv",
-        ),
+        Table(["arm", "why", "cases"], lines, counted),
+        Table([*head, "time, paper [s]", "other [s]", "parts that fail"], listed, longest),
     ]
-
-
-def _millimetres(row: Row) -> float:
-    return 1e3 * row["jump_target_distance_m"]
 
 
 def _explained(
@@ -208,11 +182,8 @@ def _explained(
         paper = failure.pair.paper
         words = explanation(failure, settings, scenes[paper["scene"]])
         lines.append([f"{paper['robot']} {paper['measure']} {paper['scene_seed']}", failure.why, words])
-    return (
-        [Table(["case", "why", "the choice in its own words"], lines, "Failing cases, looked at")]
-        if lines
-        else []
-    )
+    head = ["case", "why", "how the choice was made"]
+    return [Table(head, lines, "Failing cases in detail")] if lines else []
 
 
 def _distinct(failed: Sequence[Failure]) -> list[Failure]:
@@ -239,39 +210,16 @@ def _pictures(
         worst = [f.pair for f in _distinct(failed) if f.pair.paper["robot"] == robot and f.pair.complete]
         shown += [(f"failing {k}", pair) for k, pair in enumerate(worst[:DRAWN], 1)]
         for name, pair in shown:
-            scene = scenes[pair.paper["scene"]]
-            paths = paths_of(scene, pair, settings)
-            bars += [_renamed(path, f"{robot}, {name}: {path.label}") for path in paths]
-            world = scene.world()
-            objects = {n: (model.parts, world.X_WO[n]) for n, model in world.objects.items()}
+            scene, paper = scenes[pair.paper["scene"]], pair.paper
+            conditions = [strategy.with_measure(paper["measure"]) for strategy in STRATEGIES]
+            # Made again from the seeds of the rows.
+            operator = OperatorSpec(paper["person"], paper["person_seed"])
+            paths = approach_paths(scene, operator, conditions, settings)
+            bars += [replace(path, label=f"{robot}, {name}: {path.label}") for path in paths]
             title = f"{robot}, scene {scene.seed}, {scene.goal}: {name} case"
-            figure = trajectories(objects, paths, title, scene.goal)
-            words = "The way of the tool, coloured by mode; a circle marks the hand-over, a fork the chosen grasp."
-            pictures.append(Picture(f"way_{robot}_{name.replace(' ', '_')}", figure, f"{title}. {words}"))
+            file_name = f"way_{robot}_{name.replace(' ', '_')}"
+            pictures.append(path_picture(file_name, scene, paths, title, f". {APPROACH_PATHS}"))
     if bars:
         caption = "Who led when, from the first sample to the grasp."
         pictures.append(Picture("timelines", timelines(bars), caption))
     return pictures
-
-
-def _renamed(path: ToolPath, label: str) -> ToolPath:
-    return ToolPath(label, path.p, path.modes, path.rate, path.X_WG)
-
-
-def paths_of(scene: Scene, pair: StrategyPair, settings: EpisodeSettings) -> list[ToolPath]:
-    """Return the tool's way under both strategies, made again from the rows' own seeds."""
-    person = OperatorSpec(pair.paper["person"], pair.paper["person_seed"])
-    return ways(scene, person, [s.with_measure(pair.paper["measure"]) for s in STRATEGIES], settings)
-
-
-def ways(
-    scene: Scene, person: OperatorSpec, conditions: Sequence[Condition], settings: EpisodeSettings
-) -> list[ToolPath]:
-    """Return the tool's way to the grasp under each condition, named as it is; none for one that chooses nothing."""
-    engine, found = Engine(scene, person, settings), []
-    for condition, choice in zip(conditions, engine.choices(conditions), strict=True):
-        if choice is not None:
-            motion = engine.motion(condition, choice).track.motion()
-            p, X_WG = motion.X_WT.translation, choice.target.X_WG
-            found.append(ToolPath(condition.name, p, motion.modes, motion.rate, X_WG))
-    return found

@@ -16,6 +16,8 @@ from optsc.study.statistics import Interval
 from optsc.viewers.report import Picture
 from optsc.viewers.report_motion import ToolPath, trajectories
 
+APPROACH_PATHS = "The tool's path, coloured by mode; a circle marks the hand-over, a fork the chosen grasp."
+
 
 def bounds(interval: Interval) -> str:
     """Return both ends of ``interval`` as text."""

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optsc.study.approach_report import ways
 from optsc.study.cases import Job
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition
 from optsc.study.outcomes import Row
+from optsc.study.report_parts import APPROACH_PATHS, approach_paths, path_picture
 from optsc.study.results_folder import save_rows, save_summary
 from optsc.study.stability import Stability, stability
 from optsc.study.sweep.results import (
@@ -22,7 +22,7 @@ from optsc.study.sweep.results import (
     trade_off_of,
 )
 from optsc.viewers.report import Picture, Report, Table
-from optsc.viewers.report_motion import timelines, trajectories
+from optsc.viewers.report_motion import timelines
 from optsc.viewers.report_statistics import Estimate, front, sensitivity, stability_lines
 
 if TYPE_CHECKING:
@@ -285,15 +285,12 @@ def motions(
         Condition(f"{label} ({name})", by_name[name].rule, by_name[name].measure)
         for label, name in shown.items()
     ]
-    paths = ways(job.scene, job.person, wanted, job.settings)
-    world = job.scene.world()
-    objects = {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()}
+    paths = approach_paths(job.scene, job.person, wanted, job.settings)
     title = f"{robot}, scene {job.scene.seed}, {job.scene.goal}"
-    way = "The way of the tool, coloured by mode; a circle marks the hand-over, a fork the chosen grasp."
+    words = f": the front's settings and the reference. {APPROACH_PATHS}"
     led = "Who led when, from the first sample to the grasp."
-    drawn = trajectories(objects, paths, title, job.scene.goal)
     return [
-        Picture(f"ways_{robot}", drawn, f"{title}: the front's settings and the reference. {way}"),
+        path_picture(f"ways_{robot}", job.scene, paths, title, words),
         Picture(f"timelines_{robot}", timelines(paths), f"{title}. {led}"),
     ]
 
