@@ -49,8 +49,9 @@ def _names() -> list[tuple[str, list[str]]]:
     from optsc.robot import ROBOT_NAMES
     from optsc.robot.manipulability import DEFINITIONS
     from optsc.study.scenes import LEVELS
+    from optsc.study.sweep.designs import DESIGNS
     from optsc.study.sweep.results import MEANS
-    from optsc.study.sweep.space import COSTS, DESIGNS
+    from optsc.study.sweep.space import COSTS
 
     return [
         ("designs", list(DESIGNS)),
@@ -178,7 +179,7 @@ def _objectives(options: argparse.Namespace) -> dict[str, str]:
 
 
 def _design(options: argparse.Namespace, dimensions: Any) -> Any:
-    from optsc.study.sweep.space import design
+    from optsc.study.sweep.designs import design
 
     base = _base(options, dimensions)
     return design(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Generic, Protocol, TypeVar
 
-from optsc.checks import AtLeast, Checked
+from optsc.checks import AtLeast, Checked, Where
 from optsc.errors import InvalidValue
 from optsc.people import TYPES
 from optsc.sim import ObjectModel
@@ -15,6 +15,8 @@ from optsc.study.conditions import Condition, OperatorSpec
 from optsc.study.episode_setup import EpisodeSettings, episode_key
 from optsc.study.fingerprint import fingerprint
 from optsc.study.scenes import Scene, scene_set
+
+_SOME = Where("at least one", lambda names: len(names) > 0)
 
 
 class Tested(Protocol):
@@ -78,12 +80,12 @@ class Cases(Checked):
         settings: what everything shares.
     """
 
-    robots: tuple[str | Arm, ...] = ("panda",)
+    robots: Annotated[tuple[str | Arm, ...], _SOME] = ("panda",)
     scenes: int | Sequence[Scene] = 50
     seed: Annotated[int, AtLeast(0)] = 0
     level: str = "random"
     objects: int | tuple[str | ObjectModel, ...] = 3
-    people: tuple[str, ...] = ("typical",)
+    people: Annotated[tuple[str, ...], _SOME] = ("typical",)
     repetitions: Annotated[int, AtLeast(1)] = 1
     settings: EpisodeSettings = field(default_factory=EpisodeSettings)
 
@@ -95,9 +97,6 @@ class Cases(Checked):
                 raise InvalidValue("scenes", self.scenes, "a number, or at least one `Scene`")
         elif self.scenes < 1:
             raise InvalidValue("scenes", self.scenes, "1 or more")
-        for name in ("robots", "people"):
-            if not getattr(self, name):
-                raise InvalidValue(name, (), "at least one")
 
     def all_scenes(self) -> list[Scene]:
         """Return every scene, those that are drawn arm by arm."""

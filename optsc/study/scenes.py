@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from optsc.checks import Checked, Share
 from optsc.errors import InvalidValue, Mismatch, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
@@ -26,7 +27,7 @@ PROBES = 24
 
 
 @dataclass(frozen=True)
-class Difficulty:
+class Difficulty(Checked):
     """How hard a scene is among those there could be, as quantiles in [0, 1]; None leaves a part to chance.
 
     Attributes:
@@ -35,14 +36,9 @@ class Difficulty:
         limits: how near to a joint limit its grasps are.
     """
 
-    distance: float | None = None
-    clutter: float | None = None
-    limits: float | None = None
-
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if value is not None and not 0.0 <= value <= 1.0:
-                raise InvalidValue(f"difficulty in {name}", value, "0 to 1, or None")
+    distance: Annotated[float | None, Share] = None
+    clutter: Annotated[float | None, Share] = None
+    limits: Annotated[float | None, Share] = None
 
     @property
     def graded(self) -> bool:

@@ -18,9 +18,10 @@ from optsc.cli import main
 from optsc.robot.manipulability import DEFINITIONS
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition
 from optsc.study.scenes import LEVELS
+from optsc.study.sweep.designs import random
 from optsc.study.sweep.results import MEANS
 from optsc.study.sweep.runner import run_jobs
-from optsc.study.sweep.space import COSTS, Dimension, conditions, random
+from optsc.study.sweep.space import COSTS, Dimension, conditions
 from optsc.study.sweep.store import RowStore
 
 WEIGHTS = [Dimension(f"weight.{name}") for name in ("orientation", "position", "manipulability")]

@@ -5,18 +5,8 @@ import pytest
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.selection import Cascade, WeightedSum
-from optsc.study.sweep.space import (
-    COSTS,
-    Dimension,
-    conditions,
-    design,
-    grid,
-    one_at_a_time,
-    random,
-    rule_of,
-    simplex,
-    sobol,
-)
+from optsc.study.sweep.designs import design, grid, one_at_a_time, random, simplex, sobol
+from optsc.study.sweep.space import COSTS, Dimension, conditions, rule_of
 
 WEIGHTS = [Dimension(f"weight.{name}") for name in ("orientation", "position", "manipulability")]
 

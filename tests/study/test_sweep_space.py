@@ -7,16 +7,8 @@ import pytest
 
 from optsc.cli import main
 from optsc.errors import InvalidValue, UnknownName
-from optsc.study.sweep.space import (
-    COSTS,
-    SCALES,
-    Dimension,
-    conditions,
-    design,
-    one_at_a_time,
-    rule_of,
-    simplex,
-)
+from optsc.study.sweep.designs import design, one_at_a_time, simplex
+from optsc.study.sweep.space import COSTS, SCALES, Dimension, conditions, rule_of
 
 DOCUMENTS = Path(__file__).parents[2] / "docs"
 

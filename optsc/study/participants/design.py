@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from math import isfinite
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from optsc.checks import AtLeast, Checked, Each, Positive, Where
 from optsc.errors import DamagedFile, InvalidValue
 
 
@@ -66,8 +66,12 @@ class Block(NamedTuple):
     trials: tuple[PlannedTrial, ...]
 
 
+_NAME = Where("a name", lambda name: isinstance(name, str))
+_DISTINCT = Where("at least one, each once", lambda names: 0 < len(names) == len(set(names)))
+
+
 @dataclass(frozen=True)
-class StudyDesign:
+class StudyDesign(Checked):
     """What the participants of a study do.
 
     Attributes:
@@ -80,24 +84,11 @@ class StudyDesign:
     """
 
     name: str
-    conditions: tuple[str, ...]
-    trials: int = 6
-    practice: int = 2
-    time_limit: float = 60.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if isinstance(self.conditions, str) or not all(isinstance(name, str) for name in self.conditions):
-            raise InvalidValue("conditions", self.conditions, "a list of names")
-        object.__setattr__(self, "conditions", tuple(self.conditions))
-        if not self.conditions or len(set(self.conditions)) != len(self.conditions):
-            raise InvalidValue("conditions", self.conditions, "at least one, each once")
-        for field, least in (("trials", 1), ("practice", 0), ("seed", 0)):
-            value = getattr(self, field)
-            if not isinstance(value, int) or value < least:
-                raise InvalidValue(field, value, f"a whole number, {least} or more")
-        if not (isfinite(self.time_limit) and self.time_limit > 0.0):
-            raise InvalidValue("time_limit", self.time_limit, "finite, above 0 s")
+    conditions: Annotated[tuple[str, ...], Each(_NAME), _DISTINCT]
+    trials: Annotated[int, AtLeast(1)] = 6
+    practice: Annotated[int, AtLeast(0)] = 2
+    time_limit: Annotated[float, Positive] = 60.0
+    seed: Annotated[int, AtLeast(0)] = 0
 
     @property
     def group(self) -> int:

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from optsc.cache import write_atomically
+from optsc.checks import Between, Checked, OneOf
 from optsc.control.policies import make_policy
-from optsc.errors import DamagedFile, InvalidValue, UnknownName
+from optsc.errors import DamagedFile, InvalidValue
 from optsc.robot import ROBOT_NAMES
 from optsc.sim import OBJECT_NAMES
 from optsc.study.episode_setup import EpisodeSettings
@@ -26,7 +27,7 @@ FORMAT = 1
 
 
 @dataclass(frozen=True)
-class StudyPlan:
+class StudyPlan(Checked):
     """A study with people in full.
 
     Attributes:
@@ -44,24 +45,17 @@ class StudyPlan:
     """
 
     design: StudyDesign
-    participants: int
-    robot: str = "panda"
-    objects: int = 3
-    level: str = "easy"
+    participants: Annotated[int, Between(1, 999)]
+    robot: Annotated[str, OneOf(ROBOT_NAMES, "robot")] = "panda"
+    objects: Annotated[int, Between(1, len(OBJECT_NAMES))] = 3
+    level: Annotated[str, OneOf(LEVELS, "level")] = "easy"
     follower: str = "ideal"
     rate: float = 250.0
 
     def __post_init__(self) -> None:
-        for name, most in (("participants", 999), ("objects", len(OBJECT_NAMES))):
-            value = getattr(self, name)
-            if not isinstance(value, int) or not 1 <= value <= most:
-                raise InvalidValue(name, value, f"a whole number, 1 to {most}")
+        super().__post_init__()
         for condition in self.design.conditions:
             make_policy(condition)
-        if self.robot not in ROBOT_NAMES:
-            raise UnknownName("robot", self.robot, ROBOT_NAMES)
-        if self.level not in LEVELS:
-            raise UnknownName("level", self.level, LEVELS)
         _ = self.settings
 
     @cached_property

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
+from optsc.checks import Between, require
 from optsc.errors import InvalidValue
 
 SCALES = MappingProxyType(
@@ -40,8 +41,7 @@ class Workload(NamedTuple):
         if set(answers) != set(SCALES):
             raise InvalidValue("scales", sorted(answers), ", ".join(SCALES))
         for name, value in answers.items():
-            if not 0.0 <= value <= 100.0:
-                raise InvalidValue(f"answer on {name}", value, "0 to 100")
+            require(f"answer on {name}", value, Between(0.0, 100.0))
         return cls(**answers)
 
     @classmethod

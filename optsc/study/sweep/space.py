@@ -18,16 +18,15 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from math import exp, log
-from numbers import Real
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
 from optsc import selection
-from optsc.errors import InvalidValue, UnknownName
+from optsc.checks import Checked, NonNegative, OneOf, Where, require
+from optsc.errors import InvalidValue
 from optsc.selection import Cascade, GraspCost, ManipulabilityLoss, PoseDistance, Rule, Stage, WeightedSum
 from optsc.study.conditions import DEFAULT_MEASURE, Condition, measure
 
@@ -77,10 +76,21 @@ def _costs() -> dict[str, type[GraspCost]]:
 
 COSTS: Mapping[str, type[GraspCost]] = MappingProxyType(_costs())
 """Costs by name that a sweep can weigh: all of `optsc.selection` that need no arguments."""
+NAMES = (
+    *(f"weight.{cost}" for cost in COSTS),
+    *WHOLE,
+    *(f"dof.{dof}" for dof in DOFS),
+    *("dof.length", "measure"),
+)
+"""Names of all dimensions."""
+_GRASPS = Where(
+    "a whole number of grasps, 1 or more",
+    lambda x: not isinstance(x, bool) and x >= 1 and float(x).is_integer(),
+)
 
 
 @dataclass(frozen=True)
-class Dimension:
+class Dimension(Checked):
     """One thing to vary: a range of numbers, or a list of values.
 
     Attributes:
@@ -95,30 +105,31 @@ class Dimension:
             or more, numbers of grasps whole and 1 or more.
     """
 
-    name: str
+    name: Annotated[str, OneOf(NAMES, "dimension")]
     low: float = 0.0
     high: float = 1.0
-    kind: str = "linear"
+    kind: Annotated[str, OneOf(("linear", "log", "integer"), "kind of range")] = "linear"
     values: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
-        _checked_name(self.name)
-        if self.kind not in ("linear", "log", "integer"):
-            raise UnknownName("kind of range", self.kind, ("linear", "log", "integer"))
+        super().__post_init__()
         if not self.values:
-            if self.name == "measure":
-                raise InvalidValue("range of measure", (self.low, self.high), "names: measure=a,b")
-            if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low <= self.high):
-                raise InvalidValue(f"range of {self.name}", (self.low, self.high), "finite, lower end first")
-            if self.kind == "log" and self.low <= 0.0:
-                raise InvalidValue(f"range of {self.name}", (self.low, self.high), "above 0 for a log range")
-            if self.name in WHOLE and self.kind != "integer":
-                raise InvalidValue(f"kind of range of {self.name}", self.kind, "integer, as in 5:120:integer")
-        ends = (self.low, self.high)
-        if self.kind == "integer" and not self.values and any(float(end) % 1.0 for end in ends):
-            raise InvalidValue(f"range of {self.name}", ends, "whole numbers")
-        for value in self.values or ends:
-            _checked_value(self.name, value)
+            self._check_range()
+        for value in self.values or (self.low, self.high):
+            _check_value(self.name, value)
+
+    def _check_range(self) -> None:
+        field, ends = f"range of {self.name}", (self.low, self.high)
+        if self.name == "measure":
+            raise InvalidValue(field, ends, "names: measure=a,b")
+        if not (np.isfinite(ends).all() and self.low <= self.high):
+            raise InvalidValue(field, ends, "finite, lower end first")
+        if self.kind == "log" and self.low <= 0.0:
+            raise InvalidValue(field, ends, "above 0 for a log range")
+        if self.kind == "integer" and any(float(end) % 1.0 for end in ends):
+            raise InvalidValue(field, ends, "whole numbers")
+        if self.name in WHOLE and self.kind != "integer":
+            raise InvalidValue(f"kind of {field}", self.kind, "integer, as in 5:120:integer")
 
     @classmethod
     def parse(cls, text: str) -> Dimension:
@@ -139,10 +150,10 @@ class Dimension:
         if self.values:
             return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
         if self.kind == "log":
-            return _rounded(exp(log(self.low) + share * (log(self.high) - log(self.low))))
+            return rounded(exp(log(self.low) + share * (log(self.high) - log(self.low))))
         if self.kind == "integer":
             return int(min(self.low + np.floor(share * (self.high - self.low + 1)), self.high))
-        return _rounded(self.low + share * (self.high - self.low))
+        return rounded(self.low + share * (self.high - self.low))
 
     def levels(self, count: int) -> list[Any]:
         """Return ``count`` values evenly through the range, both ends included; all of a list's."""
@@ -162,136 +173,24 @@ def _value(text: str) -> Any:
     return text
 
 
-def _rounded(value: float) -> float:
+def rounded(value: float) -> float:
+    """Return ``value`` with `DIGITS` significant digits."""
     return float(f"{value:.{DIGITS}g}")
 
 
-def _checked_name(name: str) -> None:
-    valid = [f"weight.{cost}" for cost in COSTS]
-    valid += ["keep.orientation", "keep.position", "keep.pose", "dof.length", "measure"]
-    valid += [f"dof.{dof}" for dof in DOFS]
-    if name not in valid:
-        raise UnknownName("dimension", name, valid)
-
-
-def _checked_value(name: str, value: Any) -> None:
+def _check_value(name: str, value: Any) -> None:
     """Raise `UnknownName` or `InvalidValue` where ``name`` cannot have that value."""
     if name == "measure":
         measure(str(value))
-        return
-    number = isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(float(value))
-    if name in WHOLE:
-        if not (number and value >= 1 and float(value).is_integer()):
-            raise InvalidValue(name, value, "a whole number of grasps, 1 or more")
-    elif not (number and value >= 0.0):
-        raise InvalidValue(name, value, "a finite number, 0 or more")
+    else:
+        require(name, value, _GRASPS if name in WHOLE else NonNegative)
 
 
-def grid(dimensions: Sequence[Dimension], levels: int) -> list[Point]:
-    """Return every combination of ``levels`` values of each dimension."""
-    lines = [dimension.levels(levels) for dimension in dimensions]
-    return [_named(dimensions, values) for values in product(*lines)]
-
-
-def random(dimensions: Sequence[Dimension], count: int, seed: int) -> list[Point]:
-    """Return ``count`` points, each value drawn by itself."""
-    shares = np.random.default_rng(seed).uniform(size=(count, len(dimensions)))
-    return [
-        _named(dimensions, [d.at(float(s)) for d, s in zip(dimensions, row, strict=True)]) for row in shares
-    ]
-
-
-def sobol(dimensions: Sequence[Dimension], count: int, seed: int) -> list[Point]:
-    """Return ``count`` points of a scrambled Sobol sequence: even in every few dimensions at once (A. B. Owen 1998)."""
-    from scipy.stats import qmc
-
-    sampler = qmc.Sobol(len(dimensions), scramble=True, rng=np.random.default_rng(seed))
-    # Balanced at powers of two; the rest of the power is drawn and left.
-    shares = sampler.random_base2(max(0, (count - 1).bit_length()))[:count]
-    return [
-        _named(dimensions, [d.at(float(s)) for d, s in zip(dimensions, row, strict=True)]) for row in shares
-    ]
-
-
-def simplex(dimensions: Sequence[Dimension], steps: int) -> list[Point]:
-    """Return the points of a simplex lattice of weights, with ``steps`` values of each other dimension.
-
-    The lattice are the values k / ``steps`` that add up to one (H. Scheffé 1958): only ratios of weights change a
-    weighted sum, so that it has all of them once. Dimensions that are no weights are crossed with it as a grid. Raises
-    `InvalidValue` for fewer than two weights, and for a weight with a range of its own.
-    """
-    weights = [d for d in dimensions if d.name.startswith("weight.")]
-    others = [d for d in dimensions if d not in weights]
-    if len(weights) < 2 or steps < 1:
-        valid = "2 or more weight.COST, 1 or more"
-        raise InvalidValue("weights and steps of a simplex", (len(weights), steps), valid)
-    for d in weights:
-        if d.values or d.kind != "linear" or (d.low, d.high) != (0.0, 1.0):
-            raise InvalidValue(
-                f"range of {d.name} in a simplex", d.values or (d.low, d.high, d.kind), "0:1, which it fills"
-            )
-
-    def compositions(rest: int, parts: int) -> list[tuple[int, ...]]:
-        if parts == 1:
-            return [(rest,)]
-        return [(k, *tail) for k in range(rest + 1) for tail in compositions(rest - k, parts - 1)]
-
-    lattice = [
-        _named(weights, [_rounded(k / steps) for k in row]) for row in compositions(steps, len(weights))
-    ]
-    order = [d.name for d in dimensions]
-    mixed = [{**other, **point} for other in grid(others, steps) for point in lattice]
-    return [{name: point[name] for name in order} for point in mixed]
-
-
-def one_at_a_time(dimensions: Sequence[Dimension], levels: int, base: Point) -> list[Point]:
-    """Return ``base``, then for each dimension ``base`` with that one value changed."""
-    points = [dict(base)]
-    for dimension in dimensions:
-        if dimension.name not in base:
-            raise InvalidValue("base point", sorted(base), f"a value of {dimension.name}")
-        points += [{**base, dimension.name: v} for v in dimension.levels(levels) if v != base[dimension.name]]
-    return points
-
-
-DESIGNS = ("grid", "random", "sobol", "simplex", "one-at-a-time")
-
-
-def design(
-    name: str,
-    dimensions: Sequence[Dimension],
-    *,
-    count: int,
-    levels: int,
-    seed: int,
-    base: Point | None = None,
-) -> list[Point]:
-    """Return the points of the design of that name: ``count`` for random and sobol, ``levels`` for the others.
-
-    Raises `UnknownName`, and `InvalidValue` without dimensions or points, or with a dimension that comes twice.
-    """
-    if name not in DESIGNS:
-        raise UnknownName("design", name, DESIGNS)
-    if not dimensions or count < 1 or levels < 1:
-        raise InvalidValue("dimensions, count, levels", (len(dimensions), count, levels), "1 or more each")
+def check_distinct(dimensions: Sequence[Dimension]) -> None:
+    """Raise `InvalidValue` unless there are ``dimensions``, and each once."""
     names = [dimension.name for dimension in dimensions]
-    if len(set(names)) < len(names):
-        raise InvalidValue("dimensions", names, "each once")
-    match name:
-        case "grid":
-            return grid(dimensions, levels)
-        case "random":
-            return random(dimensions, count, seed)
-        case "sobol":
-            return sobol(dimensions, count, seed)
-        case "simplex":
-            return simplex(dimensions, levels)
-        case _:
-            return one_at_a_time(dimensions, levels, base or {d.name: d.at(0.5) for d in dimensions})
-
-
-def _named(dimensions: Sequence[Dimension], values: Sequence[Any]) -> Point:
-    return {dimension.name: value for dimension, value in zip(dimensions, values, strict=True)}
+    if not names or len(set(names)) < len(names):
+        raise InvalidValue("dimensions", names, "at least one, each once")
 
 
 def rule_of(point: Point) -> Rule:
@@ -301,8 +200,8 @@ def rule_of(point: Point) -> Rule:
     that a dimension cannot have, and for a dimension that the rule does not look at: varied, it would do nothing.
     """
     for name, value in point.items():
-        _checked_name(name)
-        _checked_value(name, value)
+        require("dimension", name, OneOf(NAMES, "dimension"))
+        _check_value(name, value)
     rule = _rule(point)
     idle = set(point) - _looked_at(rule)
     for name in sorted(idle):
@@ -320,7 +219,7 @@ def _rule(point: Point) -> Rule:
     weights = {name.removeprefix("weight."): v for name, v in point.items() if name.startswith("weight.")}
     if weights:
         terms = [(_cost(cost, point), float(w) / SCALES[cost]) for cost, w in sorted(weights.items())]
-        return WeightedSum(tuple((cost, _rounded(weight)) for cost, weight in terms))
+        return WeightedSum(tuple((cost, rounded(weight)) for cost, weight in terms))
     if "keep.pose" in point:
         return Cascade((Stage(_cost("pose", point), int(point["keep.pose"])), Stage(ManipulabilityLoss())))
     return Cascade.paper(int(point.get("keep.orientation", 30)), int(point.get("keep.position", 6)))

@@ -22,7 +22,7 @@ from optsc.study.outcomes import Row
 from optsc.study.statistics import mean_of
 from optsc.study.sweep.results import best_of, trade_off_of
 from optsc.study.sweep.runner import Progress, run_jobs
-from optsc.study.sweep.space import Dimension, Point, condition_name, conditions
+from optsc.study.sweep.space import Dimension, Point, check_distinct, condition_name, conditions
 from optsc.study.sweep.store import RowStore
 
 OBJECTIVES: Mapping[str, str] = {"path_length_m": "minimize", "target_yoshikawa": "maximize"}
@@ -151,9 +151,7 @@ def _marked(trials: Sequence[TuningTrial], trade_off: Mapping[str, float]) -> li
 
 
 def _check(cases: Cases, dimensions: Sequence[Dimension], trials: int, generation: int) -> None:
-    names = [dimension.name for dimension in dimensions]
-    if not names or len(set(names)) < len(names):
-        raise InvalidValue("dimensions", names, "at least one, each once")
+    check_distinct(dimensions)
     if trials < 1 or generation < 2:
         raise InvalidValue("trials and generation", (trials, generation), "1 or more, 2 or more")
     robots = cases.robots if isinstance(cases.scenes, int) else {scene.robot for scene in cases.scenes}
