@@ -1,4 +1,4 @@
-"""Files of grasps: per object one NumPy archive with a checksum, and a copy of the surface beside it.
+"""Grasp files: per object one NumPy archive with a checksum, and a copy of the surface beside it.
 
 ``NAME.grasps.npz`` holds:
 
@@ -38,10 +38,8 @@ from optsc.grasps.grasp_set import GraspSet
 
 FORMAT = 2
 """Version of the file format; a file with a greater one is refused."""
-
 SUFFIX = ".grasps.npz"
 SURFACE_SUFFIX = ".surface.npz"
-
 _ARRAYS = ("quaternion", "translation", "opening", "quality")
 _TRIALS = ("tried", "held")
 _FIELDS = {"object_name": str, "object_hash": str, "gripper": str, "jaw_symmetric": bool, "provenance": dict}
@@ -142,16 +140,6 @@ def _checksum(entries: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.frombuffer(digest.digest(), dtype=np.uint8)
 
 
-def _stored_arrays(path: str | Path, kind: str) -> dict[str, np.ndarray]:
-    """Return the arrays of an archive; raise `DamagedFile` where it cannot be read."""
-    try:
-        return arrays_of(Path(path).read_bytes())
-    except OSError as error:
-        raise DamagedFile(path, f"cannot be read ({error.strerror})") from None
-    except ValueError as error:
-        raise DamagedFile(path, f"is damaged or no {kind} ({error})") from None
-
-
 def surface_path(directory: str | Path, object_name: str) -> Path:
     """Return the file for the surface of an object; raise `InvalidValue` for a name no file should have."""
     return path_of(directory, object_name).with_name(f"{object_name}{SURFACE_SUFFIX}")
@@ -186,3 +174,13 @@ def load_surface(grasps: GraspSet, directory: str | Path) -> TriangleMesh | None
     except (KeyError, TypeError, ValueError) as error:
         raise DamagedFile(path, f"is no surface ({error})") from None
     return mesh if mesh.hash == surface_hash(grasps) else None
+
+
+def _stored_arrays(path: str | Path, kind: str) -> dict[str, np.ndarray]:
+    """Return the arrays of an archive; raise `DamagedFile` where it cannot be read."""
+    try:
+        return arrays_of(Path(path).read_bytes())
+    except OSError as error:
+        raise DamagedFile(path, f"cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise DamagedFile(path, f"is damaged or no {kind} ({error})") from None

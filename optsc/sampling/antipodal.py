@@ -28,72 +28,45 @@ from optsc.sampling.surface import centre_of_mass, sample_surface
 
 METHOD = "antipodal-2"
 """Name of the sampling method; the number rises with every change that gives other grasps."""
-
-
-def gripper_fingerprint(gripper: Gripper) -> str:
-    """Return a hash of everything about the gripper that grasps depend on, rounded to a micrometre."""
-    numbers = [
-        [gripper.max_opening, *gripper.pad_size, float(gripper.jaw_symmetric)],
-        gripper.body,
-        gripper.finger,
-    ]
-    digest = hashlib.sha256()
-    for array in numbers:
-        digest.update(np.round(np.asarray(array, dtype=float) * 1e6).astype("<i8").tobytes())
-    return digest.hexdigest()[:16]
-
-
+SMALLEST, LARGEST = 0.002, 2.0
+"""Longest side of an object [m]; what lies outside was most likely not given in metres."""
 LENGTH = 0.15
 """Distance [m] that counts as much as one radian in `pose_distance`."""
-
-
-def pose_distance(a: Pose, b: Pose, jaw_symmetric: bool) -> Array:
-    """Return sqrt((translation / 0.15 m)^2 + angle^2) [rad]; batch shapes broadcast.
-
-    With ``jaw_symmetric`` the angle is the smaller one of ``b`` and ``b`` after a half turn about its z axis.
-    """
-    angle = rotation.angle(a.quaternion, b.quaternion)
-    if jaw_symmetric:
-        half_turn = np.array([0.0, 0.0, 0.0, 1.0])
-        angle = np.minimum(angle, rotation.angle(a.quaternion, rotation.multiply(b.quaternion, half_turn)))
-    return np.hypot(np.linalg.norm(a.translation - b.translation, axis=-1) / LENGTH, angle)
-
-
-def spread_out(poses: Pose, quality: Array, count: int, jaw_symmetric: bool) -> np.ndarray:
-    """Return the indices of ``count`` poses (fewer if there are fewer), best first among equals.
-
-    Farthest-point selection: start with the best pose, then take again and again the one with the greatest
-    product of quality and distance to the nearest pose taken. Distance alone would pick the odd ones out.
-    """
-    chosen = [int(np.argmax(quality))] if len(quality) else []
-    distance = np.full(len(quality), np.inf)
-    for _ in range(min(count, len(quality)) - 1):
-        distance = np.minimum(distance, pose_distance(poses, poses[chosen[-1]], jaw_symmetric))
-        chosen.append(int(np.argmax(distance * quality)))
-    return np.array(chosen, dtype=np.int64)
-
-
+_PATIENCE = 10  # rounds without a single feasible grasp after which sampling ends without a result
+_SPARE = 1.3  # grasps to measure in full for each one wanted
 Progress = Callable[[str, int, int], None]
 """Called with the object's name, the steps done and the steps in all."""
 
-SMALLEST, LARGEST = 0.002, 2.0
-"""Longest side of an object [m]; what lies outside was most likely not given in metres."""
 
-_PATIENCE = 10  # rounds without a single feasible grasp after which sampling ends without a result
-_SPARE = 1.3  # grasps to measure in full for each one wanted
+def sample_grasps(
+    mesh: TriangleMesh,
+    gripper: Gripper,
+    *,
+    name: str,
+    seed: int,
+    settings: AntipodalSettings | None = None,
+    progress: Progress | None = None,
+    tally: Tally | None = None,
+) -> GraspSet:
+    """Return ``settings.count`` grasps of an object that stands on the plane z = 0 of its frame.
 
+    Every grasp has: both contacts in the friction cone; pads that lie flat on the object; a straight approach
+    with fully open jaws that touches neither object nor table; jaws that on closing meet nothing else first;
+    a hold that bears small errors of the pose and resists a wrench in every direction. They are spread over
+    positions and directions, with no grasp twice (a half turn of symmetric jaws is the same grasp). Where fewer
+    are found, ``provenance["reason"]`` says why; ``provenance["funnel"]`` counts the poses left after each
+    check, and ``tally`` keeps them where they are of interest. The quality is `optsc.sampling.quality.grasp_quality`.
 
-class Kept(NamedTuple):
-    """The grasps that are kept, spread over positions and directions, the best first among equals."""
-
-    X_OG: Pose
-    opening: Array
-    """Distance between the pads when they hold the object (N,) [m]."""
-    quality: Array
-    """(N,) in [0, 1], `grasp_quality`."""
-    rounds: int
-    """Of sampling."""
-    tally: Tally
+    The same mesh, gripper, seed and settings give the same grasps. Raises `InvalidValue` for a negative seed
+    and for a mesh that is implausible in metres.
+    """
+    settings = settings or AntipodalSettings()
+    check_request(name, mesh.extents, seed)
+    rng = np.random.default_rng(seed)
+    surface = sample_surface(mesh, settings.spacing, rng)
+    work = Workpiece(surface, centre_of_mass(mesh), gripper, settings)
+    kept = gather(work, partial(propose, mesh, gripper, settings), rng, name, progress, tally)
+    return grasp_set(work, kept, name=name, object_hash=mesh.hash, seed=seed, facts={"source": "mesh"})
 
 
 def check_request(name: str, extents: Array, seed: int) -> None:
@@ -107,6 +80,19 @@ def check_request(name: str, extents: Array, seed: int) -> None:
         )
     if size < SMALLEST:
         raise InvalidValue(f"longest side of {name}", size, f"{SMALLEST} to {LARGEST} m; is it in metres?")
+
+
+class Kept(NamedTuple):
+    """The grasps that are kept, spread over positions and directions, the best first among equals."""
+
+    X_OG: Pose
+    opening: Array
+    """Distance between the pads when they hold the object (N,) [m]."""
+    quality: Array
+    """(N,) in [0, 1], `grasp_quality`."""
+    rounds: int
+    """Of sampling."""
+    tally: Tally
 
 
 def gather(
@@ -163,6 +149,32 @@ def _measured(
     return pool.select(np.concatenate(kept)), np.concatenate(qualities)
 
 
+def pose_distance(a: Pose, b: Pose, jaw_symmetric: bool) -> Array:
+    """Return sqrt((translation / 0.15 m)^2 + angle^2) [rad]; batch shapes broadcast.
+
+    With ``jaw_symmetric`` the angle is the smaller one of ``b`` and ``b`` after a half turn about its z axis.
+    """
+    angle = rotation.angle(a.quaternion, b.quaternion)
+    if jaw_symmetric:
+        half_turn = np.array([0.0, 0.0, 0.0, 1.0])
+        angle = np.minimum(angle, rotation.angle(a.quaternion, rotation.multiply(b.quaternion, half_turn)))
+    return np.hypot(np.linalg.norm(a.translation - b.translation, axis=-1) / LENGTH, angle)
+
+
+def spread_out(poses: Pose, quality: Array, count: int, jaw_symmetric: bool) -> np.ndarray:
+    """Return the indices of ``count`` poses (fewer if there are fewer), best first among equals.
+
+    Farthest-point selection: start with the best pose, then take again and again the one with the greatest
+    product of quality and distance to the nearest pose taken. Distance alone would pick the odd ones out.
+    """
+    chosen = [int(np.argmax(quality))] if len(quality) else []
+    distance = np.full(len(quality), np.inf)
+    for _ in range(min(count, len(quality)) - 1):
+        distance = np.minimum(distance, pose_distance(poses, poses[chosen[-1]], jaw_symmetric))
+        chosen.append(int(np.argmax(distance * quality)))
+    return np.array(chosen, dtype=np.int64)
+
+
 def grasp_set(
     work: Workpiece,
     kept: Kept,
@@ -201,39 +213,21 @@ def grasp_set(
     )
 
 
+def gripper_fingerprint(gripper: Gripper) -> str:
+    """Return a hash of everything about the gripper that grasps depend on, rounded to a micrometre."""
+    numbers = [
+        [gripper.max_opening, *gripper.pad_size, float(gripper.jaw_symmetric)],
+        gripper.body,
+        gripper.finger,
+    ]
+    digest = hashlib.sha256()
+    for array in numbers:
+        digest.update(np.round(np.asarray(array, dtype=float) * 1e6).astype("<i8").tobytes())
+    return digest.hexdigest()[:16]
+
+
 def _version() -> str:
     try:
         return metadata.version("optsc")
     except metadata.PackageNotFoundError:  # run from a source tree
         return "source"
-
-
-def sample_grasps(
-    mesh: TriangleMesh,
-    gripper: Gripper,
-    *,
-    name: str,
-    seed: int,
-    settings: AntipodalSettings | None = None,
-    progress: Progress | None = None,
-    tally: Tally | None = None,
-) -> GraspSet:
-    """Return ``settings.count`` grasps of an object that stands on the plane z = 0 of its frame.
-
-    Every grasp has: both contacts in the friction cone; pads that lie flat on the object; a straight approach
-    with fully open jaws that touches neither object nor table; jaws that on closing meet nothing else first;
-    a hold that bears small errors of the pose and resists a wrench in every direction. They are spread over
-    positions and directions, with no grasp twice (a half turn of symmetric jaws is the same grasp). Where fewer
-    are found, ``provenance["reason"]`` says why; ``provenance["funnel"]`` counts the poses left after each
-    check, and ``tally`` keeps them where they are of interest. The quality is `optsc.sampling.quality.grasp_quality`.
-
-    The same mesh, gripper, seed and settings give the same grasps. Raises `InvalidValue` for a negative seed
-    and for a mesh that is implausible in metres.
-    """
-    settings = settings or AntipodalSettings()
-    check_request(name, mesh.extents, seed)
-    rng = np.random.default_rng(seed)
-    surface = sample_surface(mesh, settings.spacing, rng)
-    work = Workpiece(surface, centre_of_mass(mesh), gripper, settings)
-    kept = gather(work, partial(propose, mesh, gripper, settings), rng, name, progress, tally)
-    return grasp_set(work, kept, name=name, object_hash=mesh.hash, seed=seed, facts={"source": "mesh"})

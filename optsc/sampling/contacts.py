@@ -1,4 +1,4 @@
-"""The gripper at many poses at once: collisions of its swept boxes with points, and where its pads meet the object.
+"""Gripper collisions and pad contacts at many poses at once: swept boxes against the points of a surface.
 
 Sweeping a box along an axis of the tool frame gives a box again, so a motion is checked like a configuration. A box
 that a solid swallowed whole would hold none of its surface points; one that was swept in from outside cannot be,
@@ -16,8 +16,20 @@ from optsc.geometry.rotation import Array
 from optsc.robot.gripper import Gripper
 from optsc.sampling.surface import SurfacePoints
 
+DENT = 0.001
+"""Depth [m] to which a rubber pad gives way: what lies within it of the outermost point carries load."""
 _ALONE = 250_000
 """Multiplications up to which BLAS libraries leave a product to one thread; OpenBLAS: 4 * 65536."""
+
+
+def in_tool_frame(X_OG: Pose, points: Array) -> np.ndarray:
+    """Return points (N, 3) of the object in the tool frames of K poses: (3, K, N) [m], single precision."""
+    R = X_OG.rotation_matrix().astype(np.float32)
+    offset = np.einsum("kij,ki->jk", R, X_OG.translation.astype(np.float32))
+    flat = thin_product(R.transpose(2, 0, 1).reshape(-1, 3), points.astype(np.float32).T)
+    points_T = flat.reshape(3, len(X_OG), len(points))
+    points_T -= offset[:, :, None]
+    return points_T
 
 
 def thin_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -31,16 +43,6 @@ def thin_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     for start in range(0, len(a), step):
         np.matmul(a[start : start + step], b, out=result[start : start + step])
     return result
-
-
-def in_tool_frame(X_OG: Pose, points: Array) -> np.ndarray:
-    """Return points (N, 3) of the object in the tool frames of K poses: (3, K, N) [m], single precision."""
-    R = X_OG.rotation_matrix().astype(np.float32)
-    offset = np.einsum("kij,ki->jk", R, X_OG.translation.astype(np.float32))
-    flat = thin_product(R.transpose(2, 0, 1).reshape(-1, 3), points.astype(np.float32).T)
-    points_T = flat.reshape(3, len(X_OG), len(points))
-    points_T -= offset[:, :, None]
-    return points_T
 
 
 def approach_boxes(gripper: Gripper, standoff: float) -> Array:
@@ -66,6 +68,14 @@ def closing_boxes(gripper: Gripper, opening: Array) -> Array:
     return np.stack([np.minimum(end, wide)[:, :, 0], np.maximum(end, wide)[:, :, 1]], axis=2)
 
 
+def lowest_point(X_OG: Pose, boxes: Array) -> Array:
+    """Return the height in the object's frame (K,) [m] of the lowest corner of boxes (B, 2, 3) in T."""
+    down = X_OG.rotation_matrix()[:, 2, None, :]
+    return X_OG.translation[:, 2] + np.minimum(down * boxes[:, 0], down * boxes[:, 1]).sum(axis=-1).min(
+        axis=1
+    )
+
+
 def collides(points_T: np.ndarray, boxes: Array, margin: tuple[float, float, float]) -> np.ndarray:
     """Tell for each pose (K,) whether a point lies in a box grown by ``margin`` along x, y, z [m].
 
@@ -86,23 +96,6 @@ def collides(points_T: np.ndarray, boxes: Array, margin: tuple[float, float, flo
             inside &= coordinate < box[left, 1, axis, None]
         hit[left] = inside.any(axis=1)
     return hit
-
-
-def lowest_point(X_OG: Pose, boxes: Array) -> Array:
-    """Return the height in the object's frame (K,) [m] of the lowest corner of boxes (B, 2, 3) in T."""
-    down = X_OG.rotation_matrix()[:, 2, None, :]
-    return X_OG.translation[:, 2] + np.minimum(down * boxes[:, 0], down * boxes[:, 1]).sum(axis=-1).min(
-        axis=1
-    )
-
-
-DENT = 0.001
-"""Depth [m] to which a rubber pad gives way: what lies within it of the outermost point carries load."""
-
-
-def cone_cosine(friction: float) -> float:
-    """Return the cosine of the half angle of the friction cone, 1 / sqrt(1 + friction^2)."""
-    return float(1.0 / np.hypot(1.0, friction))
 
 
 class PadContacts(NamedTuple):
@@ -179,3 +172,8 @@ def pad_contacts(
         points=np.stack(points, axis=1),
         inward=np.stack(inward, axis=1),
     )
+
+
+def cone_cosine(friction: float) -> float:
+    """Return the cosine of the half angle of the friction cone, 1 / sqrt(1 + friction^2)."""
+    return float(1.0 / np.hypot(1.0, friction))

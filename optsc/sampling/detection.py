@@ -28,6 +28,8 @@ from optsc.sampling.proposals import propose_on_points
 from optsc.sampling.settings import AntipodalSettings
 from optsc.sampling.surface import FEWEST, measured_surface, with_normals
 
+_REACH = 0.30  # [m] around the object within which neighbours can be in a hand's path
+_COARSE = 0.004  # [m] between the points that stand for neighbours
 _CELL = 0.006  # [m] on the object, side of the cells in which the camera's view is kept
 _DEEP = 0.08  # [m], the axis lies at most so far behind the middle of what was seen
 _STEP = 0.004  # [m] between the axes that are tried
@@ -37,112 +39,6 @@ _TOLERANCE = 0.004  # [m] by which a turned point may lie in front of what was s
 _HIDDEN, _SEEN_THROUGH = 0.5, -2.0  # marks of a turned point; one on a seen surface gets up to 1
 _WORST = 0.25  # share of turned points where the camera looked through, above which the guess is not made
 _FEW = 400  # points that the axes are judged by
-
-
-class _SeenDistances:
-    """What the camera saw, as the nearest distance in each cell of its directions."""
-
-    def __init__(self, viewpoint: Array, points: Array) -> None:
-        self._eye = viewpoint
-        self._axis = points.mean(axis=0) - viewpoint
-        distance = float(np.linalg.norm(self._axis))
-        self._axis = self._axis / distance
-        helper = np.eye(3)[np.argmin(np.abs(self._axis))]
-        self._right = np.cross(self._axis, helper)
-        self._right /= np.linalg.norm(self._right)
-        self._down = np.cross(self._axis, self._right)
-        self._per_cell = distance / _CELL
-        cells, ranges = self._project(points)
-        self._low = cells.min(axis=0) - 2
-        shape = cells.max(axis=0) - self._low + 3
-        self._nearest = np.full(shape, np.inf)
-        at = cells - self._low
-        # Cells around a seen one count as seen: the points have gaps between them.
-        for step in np.ndindex(3, 3):
-            np.minimum.at(self._nearest, tuple((at + np.array(step) - 1).T), ranges)
-
-    def _project(self, points: Array) -> tuple[np.ndarray, Array]:
-        ray = points - self._eye
-        depth = np.maximum(ray @ self._axis, 1e-6)
-        plane = np.stack([ray @ self._right, ray @ self._down], axis=-1) / depth[:, None]
-        return np.floor(plane * self._per_cell).astype(np.int64), np.linalg.norm(ray, axis=1)
-
-    def hides(self, points: Array) -> np.ndarray:
-        """Tell of which points (N, 3) the camera could not see that they are not there."""
-        cells, ranges = self._project(points)
-        at = cells - self._low
-        inside = np.all((at >= 0) & (at < self._nearest.shape), axis=1)
-        nearest = self._nearest[tuple(np.where(inside[:, None], at, 0).T)]
-        return inside & (ranges > nearest - _TOLERANCE)
-
-
-def with_hidden_side(cloud: PointCloud, viewpoint: Array, neighbours: PointCloud | None = None) -> PointCloud:
-    """Return a cloud with guessed points added, marked as not seen; the cloud itself where no guess is plausible.
-
-    Args:
-        cloud: what was seen of one object, in a frame with z up.
-        viewpoint: place of the camera (3,) [m].
-        neighbours: what else was seen: something may be hidden behind it.
-
-    Raises:
-        InvalidValue: a viewpoint that is not finite or lies inside the cloud.
-    """
-    from scipy.spatial import cKDTree
-
-    eye = np.asarray(viewpoint, dtype=float)
-    if eye.shape != (3,) or not np.isfinite(eye).all():
-        raise InvalidValue("viewpoint", eye.tolist(), "finite, shape (3,) [m]")
-    points = cloud.points
-    if np.linalg.norm(points - eye, axis=1).min() < 0.02:
-        raise InvalidValue("viewpoint", eye.tolist(), "at least 20 mm away from the object")
-    view = _SeenDistances(eye, points if neighbours is None else np.concatenate([points, neighbours.points]))
-    tree, few = cKDTree(points), points[:: max(1, len(points) // _FEW)]
-    axes = _axes(points, eye)
-    best, mark = None, -np.inf
-    for axis in axes:
-        turned = _half_turn(few, axis)
-        off = tree.query(turned)[0]
-        # A point near the axis stays where it is, which says nothing.
-        same = (off < _SAME) & (np.linalg.norm((turned - few)[:, :2], axis=1) > 2 * _SAME)
-        hidden = view.hides(turned)
-        if np.mean(~hidden & ~same) > _WORST:
-            continue
-        score = float(
-            np.mean(np.where(same, 1.0 - 0.5 * off / _SAME, np.where(hidden, _HIDDEN, _SEEN_THROUGH)))
-        )
-        if score > mark:
-            best, mark = axis, score
-    if best is None:
-        return cloud
-    turned = _half_turn(points, best)
-    new = view.hides(turned) & (tree.query(turned)[0] > _SAME)
-    normals = None
-    if cloud.normals is not None:
-        normals = (cloud.normals * [-1.0, -1.0, 1.0])[new]
-    guessed = PointCloud(turned[new], normals, np.zeros(int(new.sum()), dtype=bool))
-    return PointCloud.joined(cloud, guessed)
-
-
-def _axes(points: Array, eye: Array) -> Array:
-    """Return where upright axes are tried (A, 2): behind the middle of what was seen and beside it, nearest first."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle = 0.5 * (low + high)[:2]
-    away = middle - eye[:2]
-    length = float(np.linalg.norm(away))
-    away = away / length if length > 1e-6 else np.array([1.0, 0.0])
-    aside = np.array([-away[1], away[0]])
-    deep = np.arange(-0.5 * _ASIDE, _DEEP + 1e-9, _STEP)
-    beside = np.arange(-_ASIDE, _ASIDE + 1e-9, _STEP)
-    beside = beside[np.argsort(np.abs(beside), kind="stable")]
-    return np.array([middle + d * away + b * aside for d in deep for b in beside])
-
-
-def _half_turn(points: Array, axis: Array) -> Array:
-    return np.stack([2.0 * axis[0] - points[:, 0], 2.0 * axis[1] - points[:, 1], points[:, 2]], axis=-1)
-
-
-_REACH = 0.30  # [m] around the object within which neighbours can be in a hand's path
-_COARSE = 0.004  # [m] between the points that stand for neighbours
 
 
 def detect_grasps(
@@ -247,3 +143,105 @@ def _obstacles(neighbours: PointCloud | None, points: Array) -> Array:
         return near
     _, first = np.unique(np.floor(near / _COARSE).astype(np.int64), axis=0, return_index=True)
     return near[first]
+
+
+def with_hidden_side(cloud: PointCloud, viewpoint: Array, neighbours: PointCloud | None = None) -> PointCloud:
+    """Return a cloud with guessed points added, marked as not seen; the cloud itself where no guess is plausible.
+
+    Args:
+        cloud: what was seen of one object, in a frame with z up.
+        viewpoint: place of the camera (3,) [m].
+        neighbours: what else was seen: something may be hidden behind it.
+
+    Raises:
+        InvalidValue: a viewpoint that is not finite or lies inside the cloud.
+    """
+    from scipy.spatial import cKDTree
+
+    eye = np.asarray(viewpoint, dtype=float)
+    if eye.shape != (3,) or not np.isfinite(eye).all():
+        raise InvalidValue("viewpoint", eye.tolist(), "finite, shape (3,) [m]")
+    points = cloud.points
+    if np.linalg.norm(points - eye, axis=1).min() < 0.02:
+        raise InvalidValue("viewpoint", eye.tolist(), "at least 20 mm away from the object")
+    view = _SeenDistances(eye, points if neighbours is None else np.concatenate([points, neighbours.points]))
+    tree, few = cKDTree(points), points[:: max(1, len(points) // _FEW)]
+    axes = _axes(points, eye)
+    best, mark = None, -np.inf
+    for axis in axes:
+        turned = _half_turn(few, axis)
+        off = tree.query(turned)[0]
+        # A point near the axis stays where it is, which says nothing.
+        same = (off < _SAME) & (np.linalg.norm((turned - few)[:, :2], axis=1) > 2 * _SAME)
+        hidden = view.hides(turned)
+        if np.mean(~hidden & ~same) > _WORST:
+            continue
+        score = float(
+            np.mean(np.where(same, 1.0 - 0.5 * off / _SAME, np.where(hidden, _HIDDEN, _SEEN_THROUGH)))
+        )
+        if score > mark:
+            best, mark = axis, score
+    if best is None:
+        return cloud
+    turned = _half_turn(points, best)
+    new = view.hides(turned) & (tree.query(turned)[0] > _SAME)
+    normals = None
+    if cloud.normals is not None:
+        normals = (cloud.normals * [-1.0, -1.0, 1.0])[new]
+    guessed = PointCloud(turned[new], normals, np.zeros(int(new.sum()), dtype=bool))
+    return PointCloud.joined(cloud, guessed)
+
+
+class _SeenDistances:
+    """What the camera saw, as the nearest distance in each cell of its directions."""
+
+    def __init__(self, viewpoint: Array, points: Array) -> None:
+        self._eye = viewpoint
+        self._axis = points.mean(axis=0) - viewpoint
+        distance = float(np.linalg.norm(self._axis))
+        self._axis = self._axis / distance
+        helper = np.eye(3)[np.argmin(np.abs(self._axis))]
+        self._right = np.cross(self._axis, helper)
+        self._right /= np.linalg.norm(self._right)
+        self._down = np.cross(self._axis, self._right)
+        self._per_cell = distance / _CELL
+        cells, ranges = self._project(points)
+        self._low = cells.min(axis=0) - 2
+        shape = cells.max(axis=0) - self._low + 3
+        self._nearest = np.full(shape, np.inf)
+        at = cells - self._low
+        # Cells around a seen one count as seen: the points have gaps between them.
+        for step in np.ndindex(3, 3):
+            np.minimum.at(self._nearest, tuple((at + np.array(step) - 1).T), ranges)
+
+    def _project(self, points: Array) -> tuple[np.ndarray, Array]:
+        ray = points - self._eye
+        depth = np.maximum(ray @ self._axis, 1e-6)
+        plane = np.stack([ray @ self._right, ray @ self._down], axis=-1) / depth[:, None]
+        return np.floor(plane * self._per_cell).astype(np.int64), np.linalg.norm(ray, axis=1)
+
+    def hides(self, points: Array) -> np.ndarray:
+        """Tell of which points (N, 3) the camera could not see that they are not there."""
+        cells, ranges = self._project(points)
+        at = cells - self._low
+        inside = np.all((at >= 0) & (at < self._nearest.shape), axis=1)
+        nearest = self._nearest[tuple(np.where(inside[:, None], at, 0).T)]
+        return inside & (ranges > nearest - _TOLERANCE)
+
+
+def _axes(points: Array, eye: Array) -> Array:
+    """Return where upright axes are tried (A, 2): behind the middle of what was seen and beside it, nearest first."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = 0.5 * (low + high)[:2]
+    away = middle - eye[:2]
+    length = float(np.linalg.norm(away))
+    away = away / length if length > 1e-6 else np.array([1.0, 0.0])
+    aside = np.array([-away[1], away[0]])
+    deep = np.arange(-0.5 * _ASIDE, _DEEP + 1e-9, _STEP)
+    beside = np.arange(-_ASIDE, _ASIDE + 1e-9, _STEP)
+    beside = beside[np.argsort(np.abs(beside), kind="stable")]
+    return np.array([middle + d * away + b * aside for d in deep for b in beside])
+
+
+def _half_turn(points: Array, axis: Array) -> Array:
+    return np.stack([2.0 * axis[0] - points[:, 0], 2.0 * axis[1] - points[:, 1], points[:, 2]], axis=-1)

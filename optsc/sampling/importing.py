@@ -1,4 +1,4 @@
-"""Grasps from elsewhere: ACRONYM's HDF5 files and plain tables of poses.
+"""Import of grasps: ACRONYM's HDF5 files and plain tables of poses.
 
 ACRONYM (C. Eppner, A. Mousavian, D. Fox, 2021) gives the pose of the Panda's hand link, whose origin lies at
 the flange, in the frame of the mesh file times ``object/scale``; z is its approach axis and the jaws close along
@@ -52,7 +52,7 @@ def import_grasps(
         object_hash: `TriangleMesh.hash` of the object where it is known, so that the grasps can be tried on it.
 
     Raises:
-        InvalidValue: another suffix, no grasps, a number out of its range, or one that looks like millimetres.
+        InvalidValue: another suffix, no grasps, a number out of its range, or one that seems to be in millimetres.
         DamagedFile: the file is missing or is not what its suffix says.
     """
     path = Path(path)

@@ -10,7 +10,21 @@ from optsc.errors import InvalidValue
 from optsc.geometry import PointCloud, TriangleMesh
 from optsc.geometry.rotation import Array
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+
+FEWEST = 30
+"""Points without which a cloud shows no surface."""
+MOST_NOISE = 0.003
+"""Error of the points [m] that is believed at most: what is rougher is a rough object."""
 _SHARP = np.cos(np.radians(20.0))
+_AROUND = 3.0  # radius of the neighbourhood that a plane is laid through, in spacings
+_NEIGHBOURS = 24
+_LONELY = 5  # points in a neighbourhood, itself included, below which a point is a flying pixel
+_SPREAD = 8  # the distance of so many neighbours tells how densely the points lie
+_TUBE = 1.2  # radius of the tube that tells inside from outside, in spacings
+_FAR = 0.10  # [m], length of the tube
 
 
 class SurfacePoints(NamedTuple):
@@ -43,6 +57,29 @@ def sample_surface(mesh: TriangleMesh, spacing: float, rng: np.random.Generator)
     return SurfacePoints(points[order], normals[order], areas[order])
 
 
+def _sharp_edges(mesh: TriangleMesh, spacing: float) -> tuple[Array, Array]:
+    """Return points about ``spacing`` apart along edges between faces that turn by more than 20 degrees."""
+    crosses = face_crosses(mesh)
+    lengths = np.linalg.norm(crosses, axis=1)
+    normals = crosses / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    owner = np.repeat(np.arange(len(mesh.faces)), 3)
+    order = np.lexsort(edges.T)
+    edges, owner = edges[order], owner[order]
+    pairs = np.nonzero(np.all(edges[1:] == edges[:-1], axis=1))[0]
+    first, second = normals[owner[pairs]], normals[owner[pairs + 1]]
+    sharp = np.einsum("ei,ei->e", first, second) < _SHARP
+    pairs, outwards = pairs[sharp], (first + second)[sharp]
+    start, end = np.moveaxis(mesh.vertices[edges[pairs]], 1, 0)
+    counts = np.ceil(np.linalg.norm(end - start, axis=1) / spacing).astype(int) + 1
+    edge = np.repeat(np.arange(len(pairs)), counts)
+    within = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+    fraction = (within / np.maximum(counts[edge] - 1, 1))[:, None]
+    # A knife edge's two normals cancel; the length then only must not be divided by.
+    outwards /= np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
+    return start[edge] + fraction * (end - start)[edge], outwards[edge]
+
+
 def mesh_area(mesh: TriangleMesh) -> float:
     """Return the surface area [m^2]."""
     return float(0.5 * np.linalg.norm(face_crosses(mesh), axis=1).sum())
@@ -73,45 +110,6 @@ def centre_of_mass(mesh: TriangleMesh) -> Array:
             return mesh.centre + six_volumes @ corners.sum(axis=1) / (4.0 * six_volumes.sum())
     weights = np.linalg.norm(face_crosses(mesh), axis=1)
     return mesh.centre + weights @ corners.mean(axis=1) / weights.sum()
-
-
-def _sharp_edges(mesh: TriangleMesh, spacing: float) -> tuple[Array, Array]:
-    """Return points about ``spacing`` apart along edges between faces that turn by more than 20 degrees."""
-    crosses = face_crosses(mesh)
-    lengths = np.linalg.norm(crosses, axis=1)
-    normals = crosses / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    owner = np.repeat(np.arange(len(mesh.faces)), 3)
-    order = np.lexsort(edges.T)
-    edges, owner = edges[order], owner[order]
-    pairs = np.nonzero(np.all(edges[1:] == edges[:-1], axis=1))[0]
-    first, second = normals[owner[pairs]], normals[owner[pairs + 1]]
-    sharp = np.einsum("ei,ei->e", first, second) < _SHARP
-    pairs, outwards = pairs[sharp], (first + second)[sharp]
-    start, end = np.moveaxis(mesh.vertices[edges[pairs]], 1, 0)
-    counts = np.ceil(np.linalg.norm(end - start, axis=1) / spacing).astype(int) + 1
-    edge = np.repeat(np.arange(len(pairs)), counts)
-    within = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
-    fraction = (within / np.maximum(counts[edge] - 1, 1))[:, None]
-    # A knife edge's two normals cancel; the length then only must not be divided by.
-    outwards /= np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
-    return start[edge] + fraction * (end - start)[edge], outwards[edge]
-
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
-
-FEWEST = 30
-"""Points without which a cloud shows no surface."""
-MOST_NOISE = 0.003
-"""Error of the points [m] that is believed at most: what is rougher is a rough object."""
-
-_AROUND = 3.0  # radius of the neighbourhood that a plane is laid through, in spacings
-_NEIGHBOURS = 24
-_LONELY = 5  # points in a neighbourhood, itself included, below which a point is a flying pixel
-_SPREAD = 8  # the distance of so many neighbours tells how densely the points lie
-_TUBE = 1.2  # radius of the tube that tells inside from outside, in spacings
-_FAR = 0.10  # [m], length of the tube
 
 
 class Measured(NamedTuple):

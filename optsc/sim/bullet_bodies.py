@@ -1,7 +1,4 @@
-"""Bodies of a simulated world: the table, the arm and the objects, as PyBullet takes them.
-
-Numbers go into PyBullet as floats and lists: several of its functions crash on numpy arrays.
-"""
+"""PyBullet bodies of the table, the arm and the objects: shapes, mass properties, friction."""
 
 from __future__ import annotations
 
@@ -24,7 +21,7 @@ from optsc.sim.bullet_client import bullet_pose
 from optsc.sim.objects import ObjectModel
 
 MARGIN = 1e-3
-"""PyBullet rounds every convex mesh outwards by this much [m] which cannot be changed."""
+"""PyBullet rounds every convex mesh outwards by this much [m], which cannot be changed."""
 
 TABLE_HALF_EXTENTS = (0.75, 0.9, 0.02)
 """Half the size of the table's top [m]."""
@@ -71,7 +68,7 @@ def shrunk(part: TriangleMesh, margin: float = MARGIN) -> TriangleMesh:
     """Return a convex ``part`` with every face moved inwards by ``margin`` [m], or as it is if too thin.
 
     PyBullet rounds it outwards by as much, to its size again: objects then neither float above the table nor
-    are wider in the hand than they look.
+    are wider in the hand than their surface.
     """
     from scipy.optimize import linprog
     from scipy.spatial import ConvexHull, HalfspaceIntersection
@@ -195,7 +192,7 @@ def add_table(client: int) -> tuple[int, ...]:
 def add_robot(client: int, robot: RobotModel, *, visible: bool = False) -> int:
     """Put an arm with its base frame at W into the simulation ``client`` and return its body.
 
-    What it looks like is read only if ``visible``: that takes a hundred times as long as all the rest.
+    Its surfaces are read only if ``visible``: that takes a hundred times as long as all the rest.
     Masses and inertias are the description's own. The order of links is left to PyBullet: to keep the file's
     corrupts memory where the root comes last.
     """

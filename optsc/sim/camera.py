@@ -1,4 +1,4 @@
-"""A depth camera in the simulated world: exact depths from PyBullet's software renderer, then a sensor's errors."""
+"""Simulated depth camera: exact depths from PyBullet's software renderer, then a sensor's errors."""
 
 from __future__ import annotations
 

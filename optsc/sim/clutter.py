@@ -1,4 +1,4 @@
-"""Random cluttered tables to judge perception on: objects that stand and lie close together, an arm above them."""
+"""Cluttered tabletop scenes to evaluate perception: objects that stand and lie close together, an arm above them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a depth sensor makes of exact depths: noise that grows with depth, lost edges, whole millimetres.
+"""Depth sensor noise: errors that grow with depth, lost edges, whole millimetres.
 
 C. V. Nguyen, S. Izadi, D. Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking",
 3DIMPVT 2012, measured the standard deviation along the optical axis on a turning plane: quadratic in depth, as

@@ -1,4 +1,4 @@
-"""An arm in PyBullet: joint drives that track, jaws that press, objects that move."""
+"""PyBullet follower: an arm whose joint drives track, jaws that press, objects that move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A tabletop world in PyBullet: bodies, steps and contacts. One client per world, nothing global."""
+"""Physics simulation of a tabletop world in PyBullet: bodies, steps and contacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers of the simulation that may be changed, and why they are what they are."""
+"""Settings of the PyBullet simulation: time step, gains, friction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A table with objects in front of an arm, as a value: nothing is started."""
+"""Tabletop world: a table with objects in front of an arm, as a value; no simulation is started."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where on the table an arm grasps comfortably, found from its kinematics alone.
+"""Workspace on the table: where an arm grasps comfortably, found from its kinematics alone.
 
 A share of the arm's reach would be simpler, but the region depends on more than the arm's length: the iiwa,
 whose elbow bends to 120 degrees only, cannot grasp at half its reach, where the Panda grasps best.

@@ -33,9 +33,9 @@ def table(title):
     ("title", "parameters"), [("Motor habits", HumanParameters()), ("Ready poses", AimParameters())]
 )
 def test_every_parameter_is_in_the_table_with_its_value(title, parameters):
-    told = table(title)
-    assert list(told) == [field.name for field in fields(parameters)]
-    for name, value in told.items():
+    listed = table(title)
+    assert list(listed) == [field.name for field in fields(parameters)]
+    for name, value in listed.items():
         actual = getattr(parameters, name)
         assert value == pytest.approx(list(actual) if isinstance(actual, tuple) else [actual]), name
 
@@ -46,17 +46,17 @@ def test_every_kind_of_person_is_told_by_what_it_differs_in():
     usual = HumanParameters()
     for name, words in rows:
         kind = TYPES[name]
-        told = {}
+        listed = {}
         for field, text in re.findall(r"`(\w+)` ([^`]+)", words):
             pairs = re.findall(r"([\d.]+)(?: (deg|[a-z/]+))?", text)
-            told[field] = [radians(float(x)) if unit == "deg" else float(x) for x, unit in pairs]
+            listed[field] = [radians(float(x)) if unit == "deg" else float(x) for x, unit in pairs]
         actual = {f.name: getattr(kind.human, f.name) for f in fields(usual)}
         actual = {n: x for n, x in actual.items() if x != getattr(usual, n)}
         if kind.changes_mind_after is not None:
             actual["changes_mind_after"] = kind.changes_mind_after
-        assert set(told) == set(actual), name
+        assert set(listed) == set(actual), name
         for field, value in actual.items():
-            assert told[field] == pytest.approx(list(value) if isinstance(value, tuple) else [value]), field
+            assert listed[field] == pytest.approx(list(value) if isinstance(value, tuple) else [value]), field
 
 
 def test_what_looks_at_rest_and_what_helps_is_as_told():

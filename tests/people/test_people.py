@@ -22,7 +22,7 @@ GRASPS = {
 
 
 class Scene:
-    """A tool that follows the hand at once in the paper's mapping, and a robot that goes where it is told."""
+    """A tool that follows the hand at once in the paper's mapping, and a robot that goes where it is sent."""
 
     def __init__(self, operator, *, robot_goes_for=None, begins_at=np.inf, assistance=(0.0, 0.0, 0.0)):
         self.operator, self.goes_for, self.begins_at = operator, robot_goes_for, begins_at
@@ -64,7 +64,7 @@ def test_who_grasps_by_hand_closes_the_jaws_at_the_grasp_that_is_shown():
         human = HumanParameters()
         assert scene.presses
         off = scene.tools[0].translation - GRASPS["can"].translation
-        # What trembles and drifts after the last look comes on top of the tolerance.
+        # What trembles and drifts after the last observation comes on top of the tolerance.
         assert np.linalg.norm(off) <= human.grasp_tolerance[0] + 0.008
         assert (
             rotation.angle(scene.tools[0].quaternion, GRASPS["can"].quaternion)

@@ -201,7 +201,7 @@ def test_a_miss_is_seen_and_corrected():
             act_out(Simulated(seed, [Intention("can")], human=human, aims=aims), 9.0) for seed in range(4)
         ]
         worst[corrections] = max(np.linalg.norm(t.X_WT[0].translation - goal.translation) for t in trials)
-    # What drifts and trembles after the last look comes on top of the tolerance.
+    # What drifts and trembles after the last observation comes on top of the tolerance.
     assert worst[6] <= human.position_tolerance + 0.008 < worst[0]
 
 
@@ -231,8 +231,8 @@ def test_movements_take_longer_the_further_and_the_finer():
 def test_minimum_jerk_starts_and_ends_at_rest_and_is_antisymmetric():
     assert [minimum_jerk(s) for s in (-1.0, 0.0, 0.5, 1.0, 2.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]
     s = np.linspace(0, 1, 11)
-    way = np.array([minimum_jerk(v) for v in s])
-    np.testing.assert_allclose(way + way[::-1], 1.0, atol=1e-15)
+    share = np.array([minimum_jerk(v) for v in s])
+    np.testing.assert_allclose(share + share[::-1], 1.0, atol=1e-15)
     step = 1e-4
     assert minimum_jerk(step) < 20 * step**3
 
@@ -313,5 +313,5 @@ def test_a_person_tries_another_side_where_the_arm_does_not_get_to():
         sample = operator.read(stuck_view(k))
         if sample is not None and sample.trigger:
             pressed.append(sample.stamp)
-    # The trigger comes only after the first aim and two others were given up.
+    # The trigger comes only after the first aim and two others were abandoned.
     assert pressed[0] > 3 * human.patience

@@ -92,10 +92,10 @@ class TestHiddenSide:
         whole = with_hidden_side(seen_from(brick, EYE), EYE)
         guessed = whole.select(~whole.seen_mask).points
         outside = guessed[np.any(np.abs(guessed[:, :2]) > [0.026, 0.036], axis=1)]
-        ways = (outside - EYE)[:, None] * np.linspace(0.0, 1.0, 400)[
+        rays = (outside - EYE)[:, None] * np.linspace(0.0, 1.0, 400)[
             :, None
         ] + EYE  # from the eye to the point
-        near = np.abs(ways - [0.0, 0.0, 0.04]) < np.array([0.02, 0.03, 0.04]) + 0.012
+        near = np.abs(rays - [0.0, 0.0, 0.04]) < np.array([0.02, 0.03, 0.04]) + 0.012
         assert np.all(near.all(axis=2).any(axis=1))
 
     def test_a_viewpoint_at_the_object_or_nowhere_is_refused(self, brick: TriangleMesh) -> None:

@@ -1,4 +1,4 @@
-"""The parts of the sampler: surface points, rays, boxes on their way, pads, and the choice of a few."""
+"""The parts of the sampler: surface points, rays, swept boxes, pads, and the choice of a few."""
 
 import numpy as np
 import pytest

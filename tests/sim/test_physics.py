@@ -33,11 +33,11 @@ def cube(mass=0.2, friction=0.6, size=0.05):
 
 
 def lead(physics, start, end, seconds, opening):
-    """Lead the arm from one posture to another with a bell-shaped speed."""
+    """Lead the arm from one configuration to another with a bell-shaped speed."""
     dt = physics.settings.time_step
     s = np.linspace(0.0, 1.0, round(seconds / dt) + 1)[:, None]
-    way = start + (end - start) * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    for q, v in zip(way.tolist(), (np.diff(way, axis=0) / dt).tolist(), strict=False):
+    path = start + (end - start) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    for q, v in zip(path.tolist(), (np.diff(path, axis=0) / dt).tolist(), strict=False):
         physics.step(q, v, opening)
 
 
@@ -161,14 +161,14 @@ def test_reset_forgets_everything_that_happened_before(panda):
         physics.reset(panda.home)
         assert physics.time == 0.0
         again = run(physics)
-    with Physics(world) as fresh:
-        assert first == again == run(fresh)
+    with Physics(world) as new:
+        assert first == again == run(new)
     assert first != other
 
 
 def straight_down(robot, heights, x=0.45):
-    """Return postures with the tool pointing down at (x, 0, height), each from the one before."""
-    q, postures = robot.home, []
+    """Return configurations with the tool pointing down at (x, 0, height), each from the one before."""
+    q, configurations = robot.home, []
     for height in heights:
         for _ in range(200):
             X_WT, J = robot.forward(q), robot.jacobian(q)
@@ -176,8 +176,8 @@ def straight_down(robot, heights, x=0.45):
             turn = rotation.log(rotation.multiply(target.quaternion, rotation.conjugate(X_WT.quaternion)))
             error = np.concatenate([target.translation - X_WT.translation, turn])
             q = q + 0.5 * J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), error)
-        postures.append(q)
-    return postures
+        configurations.append(q)
+    return configurations
 
 
 @pytest.mark.parametrize(

@@ -56,9 +56,7 @@ def test_an_arm_reaches_its_region_from_above_at_its_middle(name):
     assert band.outer - band.inner >= 0.15
     target = np.array([0.5 * (band.inner + band.outer), 0.0, 0.10])
     q, down = robot.home, np.array([0.0, 0.0, -1.0])
-    for _ in range(
-        300
-    ):  # position and approach axis by gradient steps, another way than the region was found
+    for _ in range(300):  # position and approach axis by gradient steps, not as the region was found
         X_WT, J = robot.forward(q), robot.jacobian(q)
         turn = np.cross(X_WT.rotation_matrix()[:, 2], down)
         error = np.concatenate([target - X_WT.translation, turn])

@@ -1,4 +1,4 @@
-"""Objects of one's own: convex pieces that fill what a surface encloses, and not what it does not."""
+"""User-defined objects: convex pieces that fill what a surface encloses, and not what it does not."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Six everyday objects, made here from a few numbers each; sizes suit a gripper with an 80 mm stroke."""
+"""Object catalogue: six everyday objects, made from a few numbers each, for a gripper with an 80 mm stroke."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convex pieces made from points, and their exact union.
+"""Solids from convex pieces: pieces made from points, and their exact union.
 
 A solid is written down once, as its convex pieces. Its surface is computed from them, so what is seen
 and what is touched agree.
