@@ -220,7 +220,7 @@ def _camera(entries: Mapping[str, Any]) -> PinholeCamera:
     try:
         camera = PinholeCamera(width, height, **focal)
     except InvalidValue as error:
-        raise InvalidValue(f"camera.{error.field}", error.value, error.valid) from None
+        raise InvalidValue(f"camera.{error.field.rpartition('.')[2]}", error.value, error.valid) from None
     for name, side in (("fx", camera.width), ("fy", camera.height)):
         if focal[name] < 0.1 * side:
             valid = f"pixels, {0.1 * side:g} or more for {side} pixels; millimetres or a share of the image?"

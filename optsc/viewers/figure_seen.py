@@ -16,12 +16,12 @@ INK, SEEN, FILLED_IN, DOUBTFUL = "#24292f", "#1d6f8a", "#d08a2e", "#c04a60"
 _COLOURS = "tab10"
 
 
-def seen_figure(memory: SceneState, image: DepthImage) -> Any:
+def seen_figure(state: SceneState, image: DepthImage) -> Any:
     """Return a figure of four views: measured depth, what is known over it, clouds and grasps in W.
 
     Args:
-        memory: what is known after a look.
-        image: that was looked at.
+        state: what is known after an observation.
+        image: that was observed.
     """
     from matplotlib.figure import Figure
 
@@ -29,21 +29,21 @@ def seen_figure(memory: SceneState, image: DepthImage) -> Any:
     depth = figure.add_axes((0.01, 0.52, 0.45, 0.44))
     objects = figure.add_axes((0.51, 0.52, 0.45, 0.44))
     _draw_depth(figure, depth, image)
-    _draw_objects(objects, memory, image)
+    _draw_objects(objects, state, image)
     for axes in (depth, objects):
-        _crop(axes, memory, image)
+        _crop(axes, state, image)
     clouds: Any = figure.add_axes((0.0, 0.0, 0.48, 0.50), projection="3d")
     grasps: Any = figure.add_axes((0.47, 0.0, 0.48, 0.50), projection="3d")
-    low, high = _extent(memory)
+    low, high = _extent(state)
     _frame(
         clouds, image, low, high, 80.0
     )  # what was measured and what was not are both in view from the side
     _frame(grasps, image, low, high, 0.0)
-    for known in memory.objects.values():
+    for known in state.objects.values():
         _draw_cloud(clouds, known)
         _draw_cloud(grasps, known, quiet=True)
     _legend(clouds)
-    count = _draw_grasps(figure, grasps, memory)
+    count = _draw_grasps(figure, grasps, state)
     clouds.set_title("points of each object, from beside the camera's view", fontsize=10, color=INK, y=1.0)
     grasps.set_title(f"{count} grasps, coloured by quality", fontsize=10, color=INK, y=1.0)
     return figure
@@ -58,7 +58,7 @@ def _draw_depth(figure: Any, axes: Any, image: DepthImage) -> None:
     axes.set_title("measured depth, white where nothing was measured", fontsize=10, color=INK)
 
 
-def _draw_objects(axes: Any, memory: SceneState, image: DepthImage) -> None:
+def _draw_objects(axes: Any, state: SceneState, image: DepthImage) -> None:
     """Draw the silhouettes over a grey depth image, with all of the template as it is placed in each."""
     from matplotlib import colormaps
 
@@ -67,7 +67,7 @@ def _draw_objects(axes: Any, memory: SceneState, image: DepthImage) -> None:
     grey = 0.95 - 0.35 * np.clip((image.depth - low) / max(high - low, 1e-6), 0.0, 1.0)
     picture = np.repeat(np.where(np.isnan(grey), 1.0, grey)[..., None], 3, axis=2)
     placed = []
-    for k, known in enumerate(memory.objects.values()):
+    for k, known in enumerate(state.objects.values()):
         colour = np.array(colormaps[_COLOURS](k % 10)[:3])
         picture[known.pixels] = 0.45 * picture[known.pixels] + 0.55 * colour
         placed.append((known, colour))
@@ -80,7 +80,7 @@ def _draw_objects(axes: Any, memory: SceneState, image: DepthImage) -> None:
         text = (
             known.name
             if known.certain or known.template is None
-            else f"{known.name} ({len(known.explanations)} ways)"
+            else f"{known.name} ({len(known.explanations)} poses)"
         )
         box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.85, "linewidth": 0.0}
         axes.text(
@@ -97,11 +97,11 @@ def _draw_objects(axes: Any, memory: SceneState, image: DepthImage) -> None:
     axes.set_title(title, fontsize=10, color=INK)
 
 
-def _crop(axes: Any, memory: SceneState, image: DepthImage) -> None:
+def _crop(axes: Any, state: SceneState, image: DepthImage) -> None:
     """Show the objects with something around them, in the shape of the image."""
     height, width = image.depth.shape
     shown = np.zeros(image.depth.shape, dtype=bool)
-    for known in memory.objects.values():
+    for known in state.objects.values():
         shown |= known.pixels
     rows, columns = np.nonzero(shown if shown.any() else ~shown)
     half = 0.5 * max(1.5 * np.ptp(columns), 1.7 * np.ptp(rows) * width / height, 0.3 * width)
@@ -125,13 +125,13 @@ def _draw_cloud(axes: Any, known: KnownObject, quiet: bool = False) -> None:
         axes.scatter(*known.X_WO.apply(few).T, s=1.6, color=shown, alpha=0.7, linewidths=0, depthshade=False)
 
 
-def _draw_grasps(figure: Any, axes: Any, memory: SceneState) -> int:
+def _draw_grasps(figure: Any, axes: Any, state: SceneState) -> int:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     sets: list[tuple[GraspSet, KnownObject]] = [
-        (grasps, memory.objects[name]) for name, grasps in memory.library.items() if len(grasps)
+        (grasps, state.objects[name]) for name, grasps in state.library.items() if len(grasps)
     ]
     if not sets:
         return 0
@@ -149,9 +149,9 @@ def _draw_grasps(figure: Any, axes: Any, memory: SceneState) -> int:
     return len(quality)
 
 
-def _extent(memory: SceneState) -> tuple[Array, Array]:
+def _extent(state: SceneState) -> tuple[Array, Array]:
     """Return the corners (3,) [m] of a cube around the objects."""
-    points = [known.X_WO.apply(known.cloud.points) for known in memory.objects.values()]
+    points = [known.X_WO.apply(known.cloud.points) for known in state.objects.values()]
     every = np.concatenate([np.zeros((0, 3)), *points]) if points else np.array([[0.5, 0.0, 0.0]])
     low, high = every.min(axis=0), every.max(axis=0)
     middle = 0.5 * (low + high)

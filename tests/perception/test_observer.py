@@ -24,7 +24,8 @@ from optsc.perception import (
     segment_image,
     view_is_clear,
 )
-from optsc.perception.scene_registration import SceneRegistrar
+from optsc.perception.known_objects import unused_name
+from optsc.perception.scene_registration import Observation, SceneRegistrar, recognise
 from optsc.robot import load_robot
 from optsc.sampling.contacts import approach_boxes, collides, in_tool_frame
 from optsc.sampling.settings import AntipodalSettings
@@ -279,6 +280,23 @@ def test_what_is_seen_in_two_pieces_is_one_object(table, templates):
     box = register(max(segments, key=lambda one: -one.cloud.points[:, 1].mean()), [templates["box"]], image)
     apart = [found[0], RegisteredSegment(pieces[1], box, (1,))]
     assert scene._replace(templates=templates).without_overlaps(apart) == tuple(apart)
+
+
+def test_without_the_arm_s_configuration_the_arm_is_an_object_too(table):
+    image = table.image()
+    alone = Observation.of(image, robot=table.robot, q=table.robot.home)
+    assert len(Observation.of(image).segments) > len(alone.segments) == 2
+    assert all(alone.shows_clearly(one) for one in alone.segments)
+    assert np.isfinite(alone.robot_depth).any()
+    assert not np.isfinite(Observation.of(image).robot_depth).any()
+    refused = recognise(alone, alone.segments, {})
+    assert [one.registration.refusal for one in refused] == ["no templates were given"] * 2
+
+
+def test_names_of_one_kind_are_numbered_from_the_second_on():
+    assert unused_name(None, ()) == "unknown"
+    assert unused_name("mug", ["can"]) == "mug"
+    assert unused_name("mug", ["mug", "mug-2"]) == "mug-3"
 
 
 def test_same_images_and_seed_give_the_same_state(table, first):

@@ -260,6 +260,9 @@ class TestBadInput:
         image, owner = drawn([])
         with pytest.raises(InvalidValue, match="each name once"):
             register(segment_of(image, owner), [catalogue_template(n) for n in names], image)
+        if names:
+            with pytest.raises(InvalidValue, match="each name once"):
+                register_scene([], [catalogue_template(n) for n in names], image)
 
     @pytest.mark.parametrize(
         ("field", "value"),

@@ -17,13 +17,13 @@ IMAGE = DepthImage(
 )
 
 
-def memory(explanations=2):
+def state(explanations=2):
     rng = np.random.default_rng(0)
     X_WO = Pose.from_translation([0.5, 0.0, 0.0])
     points = rng.uniform(-0.05, 0.05, (50, 3)) + [0.0, 0.0, 0.1]
     cloud = PointCloud(points, None, points[:, 2] > 0.1)
-    ways = (Explanation("mug", X_WO),) * explanations
-    known = KnownObject("mug", "mug", X_WO, ways, cloud, points[:5] + 0.1, IMAGE, PIXELS, (), 0.0)
+    explained = (Explanation("mug", X_WO),) * explanations
+    known = KnownObject("mug", "mug", X_WO, explained, cloud, points[:5] + 0.1, IMAGE, PIXELS, (), 0.0)
     grasps = GraspSet(
         "mug",
         "x",
@@ -41,9 +41,9 @@ def words(figure):
     return found + [axes.get_title() for axes in figure.axes]
 
 
-@pytest.mark.parametrize(("explanations", "label"), [(1, "mug"), (2, "mug (2 ways)")])
+@pytest.mark.parametrize(("explanations", "label"), [(1, "mug"), (2, "mug (2 poses)")])
 def test_the_picture_names_the_objects_and_counts_the_grasps(explanations, label, tmp_path):
-    figure = seen_figure(memory(explanations), IMAGE)
+    figure = seen_figure(state(explanations), IMAGE)
     assert label in words(figure)
     assert "3 grasps, coloured by quality" in words(figure)
     assert save_figure(figure, tmp_path / "seen.png").stat().st_size > 10_000
