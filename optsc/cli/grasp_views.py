@@ -92,10 +92,9 @@ def objects_in(observation: Observation, wanted: Wanted) -> list[Seen]:
     templates = templates_by_name(wanted.templates)
     seen: list[Seen] = []
     for one in recognise(observation, observation.segments, templates, seed=wanted.seed):
-        estimate = estimate_object(one.segment, one.registration, templates, observation)
-        template = None if estimate.template is None else estimate.template.name
-        name = unused_name(template, [other.name for other in seen])
-        seen.append(_seen(name, estimate, observation, wanted))
+        name = unused_name(one.registration.recognised_as, [other.name for other in seen])
+        estimate = estimate_object(name, one.segment, one.registration, templates, observation)
+        seen.append(_seen(one.segment, estimate, observation, wanted))
     return seen
 
 
@@ -122,8 +121,8 @@ def _level_plane(image: DepthImage) -> str:
     return f"; the image shows a level plane at {height:.3f} m (--table-height {height:.3f})"
 
 
-def _seen(name: str, estimate: ObjectEstimate, observation: Observation, wanted: Wanted) -> Seen:
-    template, segment = estimate.template, estimate.segment
+def _seen(segment: Segment, estimate: ObjectEstimate, observation: Observation, wanted: Wanted) -> Seen:
+    name, template = estimate.known.name, estimate.template
     words, facts = _words(estimate.registration, segment), _facts(estimate.registration, segment)
     if not observation.shows_clearly(segment):
         words += "; no grasps: the arm is in front of it, or too near"
@@ -133,7 +132,6 @@ def _seen(name: str, estimate: ObjectEstimate, observation: Observation, wanted:
     facts = {**facts, "made_from": estimate.made_from}
     try:
         grasps = grasps_of(
-            name,
             estimate,
             observation,
             wanted.gripper,
@@ -150,7 +148,7 @@ def _origin(estimate: ObjectEstimate) -> dict[str, Any]:
     """Return what a trial has to know: of which surface the grasps are, and which way is up in O."""
     if estimate.template is None:
         return {}
-    up = estimate.X_WO.rotation_matrix()[2].tolist()
+    up = estimate.known.X_WO.rotation_matrix()[2].tolist()
     return {"surface_hash": estimate.template.mesh.hash, "up": up}
 
 

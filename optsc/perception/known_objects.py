@@ -82,42 +82,20 @@ class ObjectEstimate(NamedTuple):
     """What a segment is taken for.
 
     Attributes:
-        segment: the pixels and points of it.
-        registration: what it was registered as; of equivalent poses, that which is turned least.
-        template: the shape; None for an unknown one.
-        X_WO: its pose.
-        cloud: in O, with what a template filled in.
-        doubtful: points in O where there may be something or not (M, 3) [m]: the hand keeps away from them.
-        explanations: everything that the view fits, the one that is taken first; empty for an unknown shape.
-        made_from: what the cloud was made from, in words.
+        known: the object.
+        registration: of the segment; of equivalent poses, that which is turned least.
+        template: its shape; None for an unknown one.
+        made_from: what its cloud was made from, in words.
     """
 
-    segment: Segment
+    known: KnownObject
     registration: Registration
     template: Template | None
-    X_WO: Pose
-    cloud: PointCloud
-    doubtful: Array
-    explanations: tuple[Explanation, ...]
     made_from: str
-
-    def known_object(self, name: str, image: DepthImage) -> KnownObject:
-        """Return it as an object of that name, seen in ``image``."""
-        return KnownObject(
-            name=name,
-            template=None if self.template is None else self.template.name,
-            X_WO=self.X_WO,
-            explanations=self.explanations,
-            cloud=self.cloud,
-            doubtful=self.doubtful,
-            image=image,
-            pixels=self.segment.pixels,
-            parts=_parts(self.template, self.cloud),
-            stamp=image.stamp,
-        )
 
 
 def estimate_object(
+    name: str,
     segment: Segment,
     registration: Registration,
     templates: Mapping[str, Template],
@@ -127,40 +105,49 @@ def estimate_object(
     """Return what a segment is taken for: a placed template, what several have in common, or just the seen points.
 
     Args:
+        name: of the object.
         X_before: of the poses in which the shape looks the same, that is taken which is turned least from this one:
             from upright by default.
     """
-    nowhere = np.zeros((0, 3))
+    explanations: tuple[Explanation, ...] = ()
+    doubtful, template = np.zeros((0, 3)), None
     if registration.template is None or registration.X_WO is None or registration.refusal:
         # An unknown shape has no frame of its own: one like W's, at its middle, on the table.
         X_WO = Pose.from_translation([*segment.cloud.points[:, :2].mean(axis=0), observation.table_height])
-        cloud = segment.cloud.transformed(X_WO.inverse())
-        return ObjectEstimate(
-            segment, registration, None, X_WO, cloud, nowhere, (), "the points that were seen"
-        )
-    template = templates[registration.template]
-    X_WO = template.nearest_equivalent(registration.X_WO, Pose.identity() if X_before is None else X_before)
-    registration = replace(registration, X_WO=X_WO)
-    cloud = complete_cloud(
-        segment.cloud, template, X_WO, image=observation.image, robot_depth=observation.robot_depth
-    )
-    explanations = (
-        Explanation(template.name, X_WO),
-        *(Explanation(other.template, other.X_WO) for other in registration.alternatives),
-    )
-    doubtful, made_from = nowhere, f"the template {template.name}"
-    if registration.ambiguous:
-        placed = [(templates[name], X) for name, X in explanations]
-        shared = cloud.seen_mask | _common(cloud.points, X_WO, placed)
-        doubtful = np.concatenate([_doubtful(one, X_WO.inverse() @ X, X_WO, placed) for one, X in placed])
-        cloud, made_from = cloud.select(shared), f"what {len(explanations)} explanations of the view share"
+        cloud, made_from = segment.cloud.transformed(X_WO.inverse()), "the points that were seen"
     else:
-        explanations = explanations[:1]
-    return ObjectEstimate(segment, registration, template, X_WO, cloud, doubtful, explanations, made_from)
+        template = templates[registration.template]
+        X_before = Pose.identity() if X_before is None else X_before
+        X_WO = template.nearest_equivalent(registration.X_WO, X_before)
+        registration = replace(registration, X_WO=X_WO)
+        image, robot_depth = observation.image, observation.robot_depth
+        cloud = complete_cloud(segment.cloud, template, X_WO, image=image, robot_depth=robot_depth)
+        explanations, made_from = (Explanation(template.name, X_WO),), f"the template {template.name}"
+        if registration.ambiguous:
+            explanations += tuple(Explanation(o.template, o.X_WO) for o in registration.alternatives)
+            placed = [(templates[kind], X) for kind, X in explanations]
+            shared = cloud.seen_mask | _common(cloud.points, X_WO, placed)
+            doubtful = np.concatenate([_doubtful(one, X_WO.inverse() @ X, X_WO, placed) for one, X in placed])
+            cloud, made_from = (
+                cloud.select(shared),
+                f"what {len(explanations)} explanations of the view share",
+            )
+    known = KnownObject(
+        name=name,
+        template=None if template is None else template.name,
+        X_WO=X_WO,
+        explanations=explanations,
+        cloud=cloud,
+        doubtful=doubtful,
+        image=observation.image,
+        pixels=segment.pixels,
+        parts=_parts(template, cloud),
+        stamp=observation.image.stamp,
+    )
+    return ObjectEstimate(known, registration, template, made_from)
 
 
 def grasps_of(
-    name: str,
     estimate: ObjectEstimate,
     observation: Observation,
     gripper: Gripper,
@@ -180,17 +167,18 @@ def grasps_of(
     Raises:
         InvalidValue: too few points.
     """
-    X_OW, image = estimate.X_WO.inverse(), observation.image
+    known, image = estimate.known, observation.image
+    X_OW = known.X_WO.inverse()
     # A segment may have been put together from several, or cut from one.
-    others = [o.cloud.points[~estimate.segment.pixels[o.pixels]] for o in observation.segments]
-    around = np.concatenate([X_OW.apply(np.concatenate([np.zeros((0, 3)), *others])), estimate.doubtful])
+    others = [other.cloud.points[~known.pixels[other.pixels]] for other in observation.segments]
+    around = np.concatenate([X_OW.apply(np.concatenate([np.zeros((0, 3)), *others])), known.doubtful])
     return detect_grasps(
-        estimate.cloud,
+        known.cloud,
         gripper,
-        name=name,
+        name=known.name,
         seed=seed,
         settings=settings,
-        support=observation.table_height - float(estimate.X_WO.translation[2]),
+        support=observation.table_height - float(known.X_WO.translation[2]),
         up=X_OW.rotation_matrix()[:, 2],
         neighbours=PointCloud(around) if len(around) else None,
         viewpoint=X_OW.apply(image.X_WC.translation),

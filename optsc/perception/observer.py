@@ -175,35 +175,29 @@ class SceneObserver:
     ) -> tuple[SceneState, SceneEvent]:
         """Return the state with what an unexplained segment shows."""
         segment, registration, _ = registered
-        before = None if registration.refusal else _same_kind(state, missing, registration.template)
+        before = _same_kind(state, missing, registration.recognised_as)
+        name = unused_name(registration.recognised_as, state.objects) if before is None else before.name
         X_before = None if before is None else before.X_WO
-        estimate = estimate_object(segment, registration, self.templates, observation, X_before)
-        template = None if estimate.template is None else estimate.template.name
-        name = unused_name(template, state.objects) if before is None else before.name
-        known = estimate.known_object(name, observation.image)
-        if template is None and not self.settings.unknown:
+        estimate = estimate_object(name, segment, registration, self.templates, observation, X_before)
+        known = estimate.known
+        if known.template is None and not self.settings.unknown:
             return state.with_object(known), SceneEvent(SceneEventKind.REFUSED, name, registration.refusal)
         event = _event(before, known, estimate.made_from, self.settings.tilt)
         certain = before is not None and before.certain and known.certain
         if event.kind is SceneEventKind.MOVED and certain and name in state.library:
             return state.with_object(known), event
-        return self._with_grasps(state, known, estimate, observation, event)
+        return self._with_grasps(state, estimate, observation, event)
 
     def _with_grasps(
-        self,
-        state: SceneState,
-        known: KnownObject,
-        estimate: ObjectEstimate,
-        observation: Observation,
-        event: SceneEvent,
+        self, state: SceneState, estimate: ObjectEstimate, observation: Observation, event: SceneEvent
     ) -> tuple[SceneState, SceneEvent]:
         """Return the state with an object and grasps made for it now, or with the object alone."""
+        known = estimate.known
         facts: dict[str, object] = {"template": known.template, "explanations": len(known.explanations)}
         if known.template is not None:
             facts["visible_fraction"] = estimate.registration.visible_fraction
         try:
             grasps = grasps_of(
-                known.name,
                 estimate,
                 observation,
                 self.gripper,

@@ -91,6 +91,11 @@ class Registration:
         """Whether the template is known and its pose is, too: neither refused nor ambiguous."""
         return not self.refusal and not self.ambiguous
 
+    @property
+    def recognised_as(self) -> str | None:
+        """Name of the template, None with a refusal."""
+        return None if self.refusal else self.template
+
     @classmethod
     def refused(cls, reason: str) -> Registration:
         """Return a refusal without any pose."""

@@ -16,55 +16,6 @@ from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, PointCloud
 from optsc.geometry.rotation import Array
 
-
-def normals_in_image(
-    depth: Array, mask: np.ndarray, camera: PinholeCamera, corner: tuple[int, int], window: int
-) -> Array:
-    """Return unit normals in C, towards the camera, at the pixels of ``mask`` in their order (N, 3).
-
-    In an image a plane n . p = d has 1/z = (n . ray)/d, linear in the ray's slopes; so the normal is the
-    direction of the coefficients of a least-squares fit to 1/z around the pixel. Where too few neighbours are
-    known for a fit, the normal is towards the camera.
-
-    Args:
-        depth: a part of an image (h, w) [m].
-        mask: which of its pixels belong to the surface (h, w) bool; their depths are finite.
-        camera: of the whole image.
-        corner: row and column of the part's first pixel in the image.
-        window: side of the square of pixels that are fitted, odd.
-    """
-    from scipy.ndimage import uniform_filter
-
-    rows, columns = np.nonzero(mask)
-    if len(rows) == 0:
-        return np.zeros((0, 3))
-    x = np.broadcast_to((np.arange(mask.shape[1]) + corner[1] - camera.cx) / camera.fx, mask.shape)
-    y = np.broadcast_to(((np.arange(mask.shape[0]) + corner[0] - camera.cy) / camera.fy)[:, None], mask.shape)
-    # Moments about the part's middle: about the optical axis they would cancel badly.
-    dx, dy = x - x.mean(), y - y.mean()
-    w = np.where(mask, 1.0 / np.where(mask, depth, 1.0), 0.0)
-
-    def mean(values: Array) -> Array:
-        return uniform_filter(np.where(mask, values, 0.0), window, mode="constant")[rows, columns]
-
-    n = mean(np.ones(mask.shape))
-    mx, my, mw = (mean(a) / n for a in (dx, dy, w))
-    xx, xy, yy = mean(dx * dx) / n - mx * mx, mean(dx * dy) / n - mx * my, mean(dy * dy) / n - my * my
-    xw, yw = mean(dx * w) / n - mx * mw, mean(dy * w) / n - my * mw
-    determinant = xx * yy - xy * xy
-    # A full window has side^2 / 12 as its variance in pixels; a fortieth of it is nearly a line.
-    full = (window * window / 12.0) ** 2 / (camera.fx * camera.fy) ** 2
-    known = determinant > 0.025 * full
-    safe = np.where(known, determinant, 1.0)
-    a = np.where(known, (yy * xw - xy * yw) / safe, 0.0)
-    b = np.where(known, (xx * yw - xy * xw) / safe, 0.0)
-    rays = np.stack([x[rows, columns], y[rows, columns], np.ones(len(rows))], axis=-1)
-    here = mw + a * (dx[rows, columns] - mx) + b * (dy[rows, columns] - my)
-    c = here - a * rays[:, 0] - b * rays[:, 1]
-    normal = np.where(known[:, None], -np.stack([a, b, c], axis=-1), -rays)
-    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
-
 BESIDE_ROBOT = 3
 """A segment is next to the arm if so many pixels or fewer are between them."""
 CREASE = 0.5
@@ -123,6 +74,60 @@ def segment_from_pixels(
     border = bool(pixels[[0, -1]].any() or pixels[:, [0, -1]].any())
     pixels.flags.writeable = False
     return Segment(cloud, pixels, border, robot_mask is not None and _beside(pixels, robot_mask, corner))
+
+
+def points_at(image: DepthImage, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Return the points in C (..., 3) [m] of the pixels at ``rows`` and ``columns`` (...) of an image."""
+    camera, z = image.camera, image.depth[rows, columns]
+    return np.stack([(columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z, z], axis=-1)
+
+
+def normals_in_image(
+    depth: Array, mask: np.ndarray, camera: PinholeCamera, corner: tuple[int, int], window: int
+) -> Array:
+    """Return unit normals in C, towards the camera, at the pixels of ``mask`` in their order (N, 3).
+
+    In an image a plane n . p = d has 1/z = (n . ray)/d, linear in the ray's slopes; so the normal is the
+    direction of the coefficients of a least-squares fit to 1/z around the pixel. Where too few neighbours are
+    known for a fit, the normal is towards the camera.
+
+    Args:
+        depth: a part of an image (h, w) [m].
+        mask: which of its pixels belong to the surface (h, w) bool; their depths are finite.
+        camera: of the whole image.
+        corner: row and column of the part's first pixel in the image.
+        window: side of the square of pixels that are fitted, odd.
+    """
+    from scipy.ndimage import uniform_filter
+
+    rows, columns = np.nonzero(mask)
+    if len(rows) == 0:
+        return np.zeros((0, 3))
+    x = np.broadcast_to((np.arange(mask.shape[1]) + corner[1] - camera.cx) / camera.fx, mask.shape)
+    y = np.broadcast_to(((np.arange(mask.shape[0]) + corner[0] - camera.cy) / camera.fy)[:, None], mask.shape)
+    # Moments about the part's middle: about the optical axis they would cancel badly.
+    dx, dy = x - x.mean(), y - y.mean()
+    w = np.where(mask, 1.0 / np.where(mask, depth, 1.0), 0.0)
+
+    def mean(values: Array) -> Array:
+        return uniform_filter(np.where(mask, values, 0.0), window, mode="constant")[rows, columns]
+
+    n = mean(np.ones(mask.shape))
+    mx, my, mw = (mean(a) / n for a in (dx, dy, w))
+    xx, xy, yy = mean(dx * dx) / n - mx * mx, mean(dx * dy) / n - mx * my, mean(dy * dy) / n - my * my
+    xw, yw = mean(dx * w) / n - mx * mw, mean(dy * w) / n - my * mw
+    determinant = xx * yy - xy * xy
+    # A full window has side^2 / 12 as its variance in pixels; a fortieth of it is nearly a line.
+    full = (window * window / 12.0) ** 2 / (camera.fx * camera.fy) ** 2
+    known = determinant > 0.025 * full
+    safe = np.where(known, determinant, 1.0)
+    a = np.where(known, (yy * xw - xy * yw) / safe, 0.0)
+    b = np.where(known, (xx * yw - xy * xw) / safe, 0.0)
+    rays = np.stack([x[rows, columns], y[rows, columns], np.ones(len(rows))], axis=-1)
+    here = mw + a * (dx[rows, columns] - mx) + b * (dy[rows, columns] - my)
+    c = here - a * rays[:, 0] - b * rays[:, 1]
+    normal = np.where(known[:, None], -np.stack([a, b, c], axis=-1), -rays)
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def joined_segments(image: DepthImage, segments: Sequence[Segment]) -> Segment:
@@ -197,12 +202,6 @@ def _box(pixels: np.ndarray) -> tuple[tuple[slice, slice], tuple[int, int]]:
     rows, columns = np.flatnonzero(pixels.any(axis=1)), np.flatnonzero(pixels.any(axis=0))
     box = (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1))
     return box, (box[0].start, box[1].start)
-
-
-def points_at(image: DepthImage, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Return the points in C (..., 3) [m] of the pixels at ``rows`` and ``columns`` (...) of an image."""
-    camera, z = image.camera, image.depth[rows, columns]
-    return np.stack([(columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z, z], axis=-1)
 
 
 def _beside(pixels: np.ndarray, robot_mask: np.ndarray, corner: tuple[int, int]) -> bool:
