@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
-from optsc.cli.options import add_output, add_seed, add_setting, command_line
+from optsc.cli.options import add_output, add_seed, add_setting, command_line, from_options
 from optsc.cli.progress import shown_progress
 
 PEOPLE = "typical, patient, hasty, biased; in study arbitration also mind-changing"
@@ -53,16 +53,7 @@ def cases_of(options: argparse.Namespace) -> Any:
     from optsc.study.cases import Cases
     from optsc.study.episode_setup import EpisodeSettings
 
-    return Cases(
-        tuple(options.robots),
-        options.scenes,
-        options.seed,
-        options.level,
-        options.objects,
-        tuple(options.people),
-        options.repetitions,
-        EpisodeSettings(options.rate, options.longest, options.follower, library=options.library),
-    )
+    return from_options(Cases, options, settings=from_options(EpisodeSettings, options))
 
 
 @contextmanager
@@ -78,28 +69,20 @@ def kept_rows(options: argparse.Namespace) -> Iterator[None]:
         raise
 
 
-def executor_of(options: argparse.Namespace) -> Any:
-    """Return the context in which there is a Dask cluster, or None for processes of this machine."""
-    from contextlib import nullcontext
-
+@contextmanager
+def computing(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Give the arguments of `optsc.study.run_jobs` that say where it computes, on a Dask cluster or this machine."""
     from optsc.study.sweep.runner import dask_executor
 
-    return dask_executor(options.scheduler) if options.scheduler else nullcontext()
+    with dask_executor(options.scheduler) if options.scheduler else nullcontext() as executor:
+        yield {"executor": executor, "workers": options.workers, "on_progress": shown_progress()}
 
 
-def compute(options: argparse.Namespace, jobs: Any, work: Any = None) -> Any:
+def compute(options: argparse.Namespace, jobs: Any, **work: Any) -> Any:
     """Return the rows of ``jobs``, computed where the options say, kept below the output folder."""
-    from optsc.study.outcomes import do
     from optsc.study.sweep.runner import run_jobs
     from optsc.study.sweep.store import RowStore
 
     store = RowStore(options.output / "rows")
-    with executor_of(options) as executor:
-        return run_jobs(
-            jobs,
-            store,
-            executor=executor,
-            workers=options.workers,
-            on_progress=shown_progress(),
-            work=work or do,
-        )
+    with computing(options) as where:
+        return run_jobs(jobs, store, **where, **work)

@@ -1,4 +1,4 @@
-"""Options and words that several subcommands share."""
+"""Command-line options that several subcommands share, and how settings are made of them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import argparse
 import os
 import shlex
 import sys
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from optsc.errors import InvalidValue
+
+T = TypeVar("T")
 
 
 def command_line() -> str:
@@ -57,6 +60,14 @@ def add_setting(parser: Any, *, level: str) -> None:
     )
     parser.add_argument("--follower", default="ideal", help="ideal (default) or pybullet")
     parser.add_argument("--rate", type=float, default=250.0, help="control rate in Hz (default 250)")
+
+
+def from_options(cls: type[T], options: argparse.Namespace, **given: Any) -> T:
+    """Return the dataclass ``cls`` with the options that are called like its fields, and what else is ``given``."""
+    from optsc.checks import from_mapping
+
+    named = {field.name for field in fields(cast(Any, cls))}
+    return from_mapping(cls, {n: x for n, x in vars(options).items() if n in named} | given)
 
 
 def actions_of(parser: Any, metavar: str = "ACTION", dest: str = "action") -> Any:

@@ -6,7 +6,15 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from optsc.cli.options import actions_of, add_output, add_seed, add_setting, checked_seed, command_line
+from optsc.cli.options import (
+    actions_of,
+    add_output,
+    add_seed,
+    add_setting,
+    checked_seed,
+    command_line,
+    from_options,
+)
 
 _DESCRIPTION = """\
 A study in which every participant meets every way to share control (an arbitration policy), in counterbalanced
@@ -152,26 +160,11 @@ def _plan(options: argparse.Namespace) -> int:
     from optsc.study.participants.design import StudyDesign
     from optsc.study.participants.plan import StudyPlan
 
-    design = StudyDesign(
-        options.name or options.study.resolve().name,
-        tuple(options.conditions),
-        options.trials,
-        options.practice,
-        options.time_limit,
-        checked_seed(options),
-    )
-    plan = StudyPlan(
-        design,
-        options.participants,
-        options.robot,
-        options.objects,
-        options.level,
-        options.follower,
-        options.rate,
-    )
-    scene = plan.scene(
-        design.blocks(1)[0].trials[0]
-    )  # so that impossible scenes are found before people come
+    options.name = options.name or options.study.resolve().name
+    design = from_options(StudyDesign, options)
+    plan = from_options(StudyPlan, options, design=design)
+    # Made now, so that impossible scenes are found before people come.
+    scene = plan.scene(design.blocks(1)[0].trials[0])
     path = plan.save(options.study)
     each = len(design.conditions) * (design.trials + design.practice)
     print(

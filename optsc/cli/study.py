@@ -94,7 +94,7 @@ def _arbitration(options: argparse.Namespace) -> int:
     cases = cases_of(options)
     jobs = cases.policy_jobs(policy_conditions(options.policies))
     with kept_rows(options):
-        rows = compute(options, jobs, do_policies)
+        rows = compute(options, jobs, work=do_policies)
     save_rows(rows, options.output)
     page = build(rows, command_line(), options.seed, jobs).save(options.output)
     facts = {"command": command_line(), "seed": options.seed, "rows": len(rows)}

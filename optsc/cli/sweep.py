@@ -7,9 +7,8 @@ import shutil
 import textwrap
 from typing import Any
 
-from optsc.cli.cases import add_case_options, cases_of, compute, executor_of, kept_rows
-from optsc.cli.options import checked_seed, command_line
-from optsc.cli.progress import shown_progress
+from optsc.cli.cases import add_case_options, cases_of, compute, computing, kept_rows
+from optsc.cli.options import command_line
 from optsc.errors import InvalidValue
 
 DEFAULT_VARIED = (
@@ -110,6 +109,7 @@ def add_parser(subparsers: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the sweep and write tables, summary and report."""
     from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER
+    from optsc.study.sweep.designs import design
     from optsc.study.sweep.report import save_report
     from optsc.study.sweep.space import Dimension, conditions
 
@@ -117,11 +117,11 @@ def run(options: argparse.Namespace) -> int:
     dimensions = [Dimension.parse(text) for text in options.vary]
     cases, objectives = cases_of(options), _objectives(options)
     with kept_rows(options):
-        points = (
-            _searched(options, cases, dimensions, objectives)
-            if options.tune
-            else _design(options, dimensions)
-        )
+        if options.tune:
+            points = _searched(options, cases, dimensions, objectives)
+        else:
+            named = {name: getattr(options, name) for name in ("count", "levels", "seed")}
+            points = design(options.design, dimensions, base=_base(options, dimensions), **named)
         varied = conditions(points)
         print(f"{len(varied)} settings, {len(cases.pairs())} cases", flush=True)
         jobs = cases.jobs([*varied, PAPER, MANIPULABILITY_ONLY])
@@ -144,7 +144,6 @@ def _check(options: argparse.Namespace) -> None:
     """Put defaults in; raise where an option has a value it cannot have, or would not be looked at."""
     from optsc.errors import UnknownName
 
-    checked_seed(options)
     if options.tune and options.design is not None:
         raise InvalidValue("--design", options.design, "left out with --tune, which proposes its own points")
     options.design = options.design or "sobol"
@@ -178,15 +177,6 @@ def _objectives(options: argparse.Namespace) -> dict[str, str]:
     return dict(pairs)
 
 
-def _design(options: argparse.Namespace, dimensions: Any) -> Any:
-    from optsc.study.sweep.designs import design
-
-    base = _base(options, dimensions)
-    return design(
-        options.design, dimensions, count=options.count, levels=options.levels, seed=options.seed, base=base
-    )
-
-
 def _base(options: argparse.Namespace, dimensions: Any) -> Any:
     """Return the point that one-at-a-time starts from: the middle of each range, but for what was given."""
     from optsc.study.sweep.space import Dimension
@@ -206,7 +196,7 @@ def _searched(options: argparse.Namespace, cases: Any, dimensions: Any, objectiv
     from optsc.study.sweep.store import RowStore
     from optsc.study.sweep.tuning import tune
 
-    with executor_of(options) as executor:
+    with computing(options) as where:
         trials = tune(
             cases,
             dimensions,
@@ -214,9 +204,7 @@ def _searched(options: argparse.Namespace, cases: Any, dimensions: Any, objectiv
             trials=options.count,
             seed=options.seed,
             objectives=objectives,
-            executor=executor,
-            workers=options.workers,
-            on_progress=shown_progress(),
+            **where,
         )
     rows = [{"trial": t.number, **t.point, **t.values, "success": t.success, "best": t.best} for t in trials]
     save_rows(rows, options.output, "trials")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Generic, Protocol, TypeVar
 
-from optsc.checks import AtLeast, Checked, Where
+from optsc.checks import AtLeast, Checked, NonNegative, Where
 from optsc.errors import InvalidValue
 from optsc.people import TYPES
 from optsc.sim import ObjectModel
@@ -82,7 +82,7 @@ class Cases(Checked):
 
     robots: Annotated[tuple[str | Arm, ...], _SOME] = ("panda",)
     scenes: int | Sequence[Scene] = 50
-    seed: Annotated[int, AtLeast(0)] = 0
+    seed: Annotated[int, NonNegative] = 0
     level: str = "random"
     objects: int | tuple[str | ObjectModel, ...] = 3
     people: Annotated[tuple[str, ...], _SOME] = ("typical",)

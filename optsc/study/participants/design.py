@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from optsc.checks import AtLeast, Checked, Each, Positive, Where
+from optsc.checks import AtLeast, Checked, Each, NonNegative, Positive, Where
 from optsc.errors import DamagedFile, InvalidValue
 
 
@@ -86,9 +86,9 @@ class StudyDesign(Checked):
     name: str
     conditions: Annotated[tuple[str, ...], Each(_NAME), _DISTINCT]
     trials: Annotated[int, AtLeast(1)] = 6
-    practice: Annotated[int, AtLeast(0)] = 2
+    practice: Annotated[int, NonNegative] = 2
     time_limit: Annotated[float, Positive] = 60.0
-    seed: Annotated[int, AtLeast(0)] = 0
+    seed: Annotated[int, NonNegative] = 0
 
     @property
     def group(self) -> int:

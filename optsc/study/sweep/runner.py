@@ -1,47 +1,25 @@
-"""Running jobs: finished rows are skipped, the others are computed by any executor, and kept as they come."""
+"""Runner: computes the jobs of a study on any executor, keeps rows as they come, skips those that are there."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
-from optsc.errors import InvalidValue, OptscError
+from optsc.checks import AtLeast, require
+from optsc.errors import OptscError
 from optsc.processes import process_pool, usable_cores
+from optsc.study.cases import Job
 from optsc.study.outcomes import Row, do
-from optsc.study.scenes import Scene
 from optsc.study.sweep.store import RowStore
-
-
-class RowJob(Protocol):
-    """Work that belongs together: rows of several conditions in one case; a frozen dataclass that can be pickled."""
-
-    @property
-    def scene(self) -> Scene:
-        """Where."""
-        ...
-
-    @property
-    def conditions(self) -> tuple[Any, ...]:
-        """What is tried there."""
-        ...
-
-    def keys(self) -> list[str]:
-        """Return the key of each condition's row."""
-        ...
-
-    def labels(self, condition: Any) -> Row:
-        """Return what a table says about the row of a condition besides its outcome."""
-        ...
-
 
 Work: TypeAlias = Callable[[Any], list[Row]]
 """Computes a job: one row for each of its conditions, each with its key."""
-REVIVALS = 3
-"""How often a pool of processes is started anew after one of them died."""
+RESTARTS = 3
+"""How often a pool of processes is replaced after one of them died."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +49,7 @@ class Progress:
 
 
 def _clock(seconds: float) -> str:
+    """Return a time as minutes and seconds."""
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes}:{rest:02d}"
 
@@ -78,7 +57,7 @@ def _clock(seconds: float) -> str:
 class JobFailed(OptscError):
     """A job that raised: which, and what."""
 
-    def __init__(self, job: RowJob, error: BaseException) -> None:
+    def __init__(self, job: Job[Any], error: BaseException) -> None:
         self.job, self.error = job, error
         scene = job.scene
         super().__init__(
@@ -87,7 +66,7 @@ class JobFailed(OptscError):
 
 
 def run_jobs(
-    jobs: Sequence[RowJob],
+    jobs: Sequence[Job[Any]],
     store: RowStore,
     *,
     executor: Executor | None = None,
@@ -100,57 +79,56 @@ def run_jobs(
     Args:
         jobs: what to compute; conditions of the same episode belong into one job, which shares their work.
         store: takes every job's rows as soon as they are there.
-        executor: runs the jobs; by default a pool of processes of this run's own.
+        executor: runs the jobs; by default a pool of processes for this run.
         workers: processes of that pool, by default one for each core; 0 computes in this process.
         on_progress: called at the beginning and after every job.
         work: computes one job; it has to be importable where the executor runs it.
 
     Raises:
-        JobFailed: a job raised; what was finished before is kept, and a new run goes on from there. The same holds
+        JobFailed: a job raised; what was finished before is kept, and a new run continues from there. The same holds
             for a `KeyboardInterrupt`, which ends jobs that are under way.
         InvalidValue: fewer than 0 workers.
     """
-    if workers is not None and workers < 0:
-        raise InvalidValue("workers", workers, "0 or more")
+    if workers is not None:
+        require("workers", workers, AtLeast(0))
     start, wanted, left = time.monotonic(), [], []
     for job in jobs:
         keys = job.keys()
         wanted += keys
-        missing = [c for c, k in zip(job.conditions, keys, strict=True) if k not in store]
+        missing = tuple(c for c, k in zip(job.conditions, keys, strict=True) if k not in store)
         if missing:
-            left.append(replace(job, conditions=tuple(missing)))  # type: ignore[type-var]
+            left.append(replace(job, conditions=missing))
     distinct = frozenset(wanted)
     skipped = len(distinct & store.keys)
 
     def report() -> None:
         if on_progress is not None:
-            on_progress(
-                Progress(len(distinct & store.keys), len(distinct), skipped, time.monotonic() - start)
-            )
+            done, elapsed = len(distinct & store.keys), time.monotonic() - start
+            on_progress(Progress(done, len(distinct), skipped, elapsed))
 
     report()
-    # Closed at once, and not when the memory is wanted: an interrupted run should let go of its processes.
+    # Closed at once and not by the garbage collector: an interrupted run has to end its processes.
     with closing(_computed(left, executor, workers, work)) as results:
         for rows in results:
             store.add(rows)
             report()
-    named = [job.labels(condition) for job in jobs for condition in job.conditions]
-    return [{**row, **names} for row, names in zip(store.rows(wanted), named, strict=True)]
+    labels = [job.labels(condition) for job in jobs for condition in job.conditions]
+    return [{**row, **names} for row, names in zip(store.rows(wanted), labels, strict=True)]
 
 
-def _computed(
-    jobs: list[RowJob], executor: Executor | None, workers: int | None, work: Work
-) -> Generator[list[Row], None, None]:
-    if workers == 0 and executor is None:
+def _computed(jobs: list[Job[Any]], executor: Executor | None, workers: int | None, work: Work) -> Any:
+    """Yield the rows of each job."""
+    left = dict(enumerate(jobs))
+    if executor is not None:
+        yield from _submitted(left, executor, work, cancel=True)
+    elif workers == 0:
         for job in jobs:
-            yield _guarded(job, work)
-    elif executor is not None:
-        yield from _submitted(dict(enumerate(jobs)), executor, work, cancel=True)
+            yield _in_this_process(job, work)
     else:
-        yield from _pooled(jobs, workers or usable_cores(), work)
+        yield from _pooled(left, workers or usable_cores(), work)
 
 
-def _guarded(job: RowJob, work: Work) -> list[Row]:
+def _in_this_process(job: Job[Any], work: Work) -> list[Row]:
     try:
         return work(job)
     # Whatever a job raises ends the run, and has to say which job it was.
@@ -158,31 +136,27 @@ def _guarded(job: RowJob, work: Work) -> list[Row]:
         raise JobFailed(job, error) from error
 
 
-def _pooled(jobs: list[RowJob], workers: int, work: Work) -> Iterator[list[Row]]:
-    """Yield the rows of each job from a pool of this run's own; when one of its processes dies, from another pool."""
-    open_ = dict(enumerate(jobs))
-    for revival in range(REVIVALS + 1):
-        if not open_:
+def _pooled(left: dict[int, Job[Any]], workers: int, work: Work) -> Iterator[list[Row]]:
+    """Yield the rows of each job from a pool of processes; when one of them dies, from another pool."""
+    for restart in range(RESTARTS + 1):
+        if not left:
             return
         try:
-            with process_pool(min(workers, len(open_))) as pool:
-                yield from _submitted(open_, pool, work, cancel=False)
+            with process_pool(min(workers, len(left))) as pool:
+                yield from _submitted(left, pool, work, cancel=False)
         except BrokenExecutor:
-            if revival == REVIVALS:
+            if restart == RESTARTS:
                 raise
 
 
 def _submitted(
-    open_: dict[int, RowJob], executor: Executor, work: Work, *, cancel: bool
+    left: dict[int, Job[Any]], executor: Executor, work: Work, *, cancel: bool
 ) -> Iterator[list[Row]]:
-    """Yield the rows of each job and take it out of ``open_``.
+    """Yield the rows of each job and take it out of ``left``; abandoned early, cancel what is waiting if asked to.
 
-    Left early, it cancels what is waiting, if it should: not in a pool that is about to break, where Python 3.11
-    stumbles over futures that were cancelled.
+    In a pool that is about to break nothing may be cancelled: Python 3.11 fails at futures that were.
     """
-    waiting: dict[Future[list[Row]], int] = {
-        executor.submit(work, job): index for index, job in open_.items()
-    }
+    waiting: dict[Future[list[Row]], int] = {executor.submit(work, job): index for index, job in left.items()}
     try:
         while waiting:
             for future in wait(waiting, return_when=FIRST_COMPLETED).done:
@@ -191,10 +165,9 @@ def _submitted(
                 if isinstance(error, BrokenExecutor):
                     raise error
                 if error is not None:
-                    raise JobFailed(open_[index], error) from error
-                rows = future.result()
-                yield rows
-                del open_[index]
+                    raise JobFailed(left[index], error) from error
+                yield future.result()
+                del left[index]
     finally:
         if cancel:
             for future in waiting:
