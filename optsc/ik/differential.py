@@ -1,13 +1,31 @@
 """Differential inverse kinematics: the joint velocity of the next tick as a quadratic program.
 
-    minimise  1/2 || W (J q' - V*) ||^2 + 1/2 w_p || q' - k_p (q_p - q) ||^2 + 1/2 (d + c || W e ||^2) || q' ||^2
-              + 1/2 w_s || q' - v - r T a ||^2
-    within    lowest <= q' <= highest,   and rows such as distances
+With x (n,) [rad/s] the joint velocity of the next tick, s (m,) the slacks of the rows, and all quantities of the tool
+in its own frame, so that a weight belongs to one degree of freedom of the tool:
 
-with V* = V + min(k, sqrt(b / |e|)) e: the reference's twist, and its distance e from the present pose, at a gain in
-1/s and no faster than the tool can brake. All in the tool frame, so that a weight belongs to one degree of freedom of
-the tool. The bounds come from outside (the viable
-interval of every joint), which keeps this room free of limits.
+    minimise  0.5 * sum((w * (J @ x - V))**2)                       tool task
+            + 0.5 * w_p * sum((x - k_p * (q_p - q))**2)             posture task
+            + 0.5 * w_s * sum((x - (v + r * T * a))**2)             smoothness task
+            + 0.5 * (d + c * sum((w * shortened(e))**2)) * sum(x**2)   damping
+            + 0.5 * w_r * sum(s**2)                                 slack of soft rows
+
+    within    lowest <= x <= highest                                bounds [rad/s]
+              lower <= G @ x + s <= upper                           rows [m/s]
+
+* q, v, a (n,): joint positions, velocities, accelerations; T the period [s]; J (6, n) the tool's Jacobian.
+* e (6,): the reference's pose minus the present one [m, rad]; inside a dead band (`position_tolerance`) zero.
+* V (6,): the reference's twist plus e at a gain k [1/s], but no faster than the tool can brake with b: per part of e,
+
+      V = twist + min(k, sqrt(b / norm(e))) * e                     [m/s, rad/s]
+
+* w (6,) [1/m, 1/rad]: `position_weight` and `orientation_weight`, zero inside a dead band; w_p, k_p: `posture_weight`,
+  `posture_gain` towards the posture q_p; d, c: `damping`, `error_damping`; w_s, r: see `smoothness`.
+* `shortened` cuts distance and angle to `largest_error`.
+* lowest, highest (n,): the viable interval of every joint, which comes from outside.
+* G (m, n), lower, upper, w_r: `Rows`, such as distances that must not fall faster; hard (s = 0) without a weight. There
+  are no equality constraints.
+
+`tests/ik/test_differential.py` evaluates these lines.
 """
 
 from __future__ import annotations
@@ -30,7 +48,6 @@ from optsc.robot.model import RobotModel
 
 GAIN_PER_TICK = 0.3
 """Share of an error that one tick may take back; more lets the discrete loop overshoot."""
-
 GAIN_PER_RAMP = 0.5
 """Share of an error that may be taken back while an acceleration is ramped up; more oscillates."""
 TYPICAL_WEIGHT = 0.0625

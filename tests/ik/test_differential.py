@@ -1,5 +1,6 @@
 """One tick of differential IK: its cost against a separately written one, and what its terms mean."""
 
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -8,7 +9,7 @@ import pinocchio
 import pytest
 
 from optsc.errors import InvalidValue
-from optsc.ik import DifferentialIK, IkSettings
+from optsc.ik import DifferentialIK, IkSettings, Rows, differential
 from optsc.robot import ROBOT_NAMES, load_robot
 from optsc.robot.manipulability import Manipulability
 
@@ -64,6 +65,79 @@ def test_the_cost_equals_its_formula(name):
         np.testing.assert_allclose(H @ step.velocity, -g, atol=1e-6)
         J = robot.jacobian(q)
         assert step.volume == pytest.approx(np.sqrt(np.linalg.det(J @ J.T)), abs=1e-9)
+
+
+def written_program():
+    """The terms of the objective and the velocity V as the module writes them."""
+    objective = re.search(r"minimise(.*?)\n\n", differential.__doc__, re.DOTALL).group(1)
+    terms = [re.split(r"\s{3,}", line.strip(" +"))[0] for line in objective.splitlines()]
+    assert len(terms) == 5
+    (velocity,) = re.findall(r"^ +V = (.*?)\s{3,}", differential.__doc__, re.MULTILINE)
+    return terms, velocity
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_module_writes_the_program_that_is_solved(name):
+    robot, rng = load_robot(name), np.random.default_rng(4)
+    terms, velocity = written_program()
+    rows = Rows(rng.normal(size=(3, robot.n)), np.full(3, 0.2), np.full(3, np.inf), weight=10.0)
+    settings = IkSettings(gain=60.0, posture_weight=0.01)
+    ik = DifferentialIK(robot, PERIOD, settings)
+    w_s, r = differential.smoothness(settings.smoothing, PERIOD)
+    for _ in range(5):
+        q, q_p = robot.random_configuration(rng, (2,))
+        v, a = rng.normal(size=(2, robot.n))
+        X, X_goal, twist = (
+            robot.forward(q),
+            robot.forward(q + 0.01 * rng.normal(size=robot.n)),
+            rng.normal(size=6),
+        )
+        R = X.rotation_matrix()
+        to_tool = np.kron(np.eye(2), R.T)
+        turn = pinocchio.log3(R.T @ X_goal.rotation_matrix())
+        e = np.concatenate([R.T @ (X_goal.translation - X.translation), turn])
+        k, parts = min(60.0, 0.3 / PERIOD, 0.5 / differential.ramp_time(robot.limits)), []
+        for part, b in zip((e[:3], e[3:]), differential.tool_braking(robot.limits), strict=True):
+            names = {"twist": (to_tool @ twist)[3 * len(parts) :][:3], "e": part, "k": k, "b": b}
+            parts.append(eval(velocity, {"min": min, "sqrt": np.sqrt, "norm": np.linalg.norm}, names))
+        known = {
+            "w": np.array([*settings.position_weight, *settings.orientation_weight]),
+            "V": np.concatenate(parts),
+        }
+        known |= {"J": to_tool @ robot.jacobian(q), "e": e, "q": q, "q_p": q_p, "v": v, "a": a, "T": PERIOD}
+        known |= {
+            "w_p": settings.posture_weight,
+            "k_p": settings.posture_gain,
+            "w_s": w_s,
+            "r": r,
+            "w_r": 10.0,
+        }
+        known |= {"d": settings.damping, "c": settings.error_damping, "sum": np.sum, "shortened": shortened}
+
+        def cost(x, known=known):
+            s = np.maximum(rows.lower - rows.matrix @ x, 0.0)
+            return sum(eval(term, known | {"x": x, "s": s}) for term in terms)
+
+        ik.prefer(q_p)
+        lowest, highest = -0.5 * np.ones(robot.n), 0.5 * np.ones(robot.n)
+        x = ik.solve((q, v, a), row(X_goal), twist, lowest, highest, rows).velocity
+        smooth = known | {"s": np.zeros(3)}
+        for other in rng.uniform(lowest, highest, (50, robot.n)):
+            written = [
+                sum(eval(term, smooth | {"x": y}) for term in terms) for y in (other, np.zeros(robot.n))
+            ]
+            assert 0.5 * other @ ik._H @ other + ik._g @ other == pytest.approx(
+                written[0] - written[1], abs=1e-9
+            )
+            assert cost(x) <= cost(other)
+            assert cost(x) <= cost(np.clip(x + 1e-3 * (other - x), lowest, highest)) + 1e-9
+
+
+def shortened(e):
+    parts, largest = (e[:3], e[3:]), IkSettings().largest_error
+    return np.concatenate(
+        [part * min(1.0, most / np.linalg.norm(part)) for part, most in zip(parts, largest, strict=True)]
+    )
 
 
 def test_the_answer_does_not_depend_on_the_period():
