@@ -65,8 +65,8 @@ def _print_kernels(robot_name: str) -> None:
     """Print what compiling the kernels of an arm changes: nothing in the results, and a lot in time."""
     import numpy as np
 
+    from optsc.cli.kernel_comparison import compare_kernels
     from optsc.robot import load_robot
-    from optsc.robot.comparison import compare_kernels
 
     found = compare_kernels(load_robot(robot_name), np.random.default_rng(0))
     if not all(one.compiled for one in found):

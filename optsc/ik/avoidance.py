@@ -1,8 +1,8 @@
 """Collision avoidance as rows of the quadratic program: no distance falls faster than the arm can brake.
 
 Rows are soft and the joints' own bounds are hard: an arm that is too near already is led out gently, and a problem
-without any solution cannot arise. A row says nothing about motion that makes its distance grow, so the way out is
-always free.
+without any solution cannot arise. A row says nothing about motion that makes its distance grow, so moving away
+is always free.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class Avoidance:
     def stopping(self, q: Array, lowest: Array, highest: Array, solver: QpSolver) -> Array:
         """Return the velocity (n,) to brake to at this tick: rest, or the nearest to it that leads nowhere too fast.
 
-        Joints that brake one by one do not stay on their common way, which may turn them towards something.
+        Joints that brake one by one do not stay on their common path, which may lead them towards something.
         """
         rows = self.rows(q, lowest, highest)
         rest = np.zeros(len(q))

@@ -3,7 +3,7 @@
 Every pose is first tried from its seeds, so that the branch found is the one that the arm would be driven to.
 What is left starts again from configurations that already hold the tool near the pose: the nearest of a table of
 random ones. Each round takes all poses that are left through one compiled loop (`optsc.kernels.search`). Poses that
-are still left are tried without limits, which tells why they have no configuration.
+are still left are tried without limits, which shows why they have no configuration.
 """
 
 from __future__ import annotations

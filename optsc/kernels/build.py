@@ -2,7 +2,7 @@
 
 A library's file name carries the hash of everything that determines it (source, compiler, flags) and the hash
 of its own content. It is moved into place whole, so two processes may build the same one at once; a damaged
-one is recognised before it is loaded, and built anew.
+one is recognised before it is loaded, and built again.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _compile(command: str, source: str) -> bytes:
         return Path(folder, "kernel.so").read_bytes()
 
 
-def _sound(path: Path, digest: str) -> bool:
+def _intact(path: Path, digest: str) -> bool:
     """Tell whether a library is this user's own and whole: loading any other could end the process."""
     try:
         content = path.read_bytes()
@@ -86,7 +86,7 @@ def _sound(path: Path, digest: str) -> bool:
 def shared_library(name: str, source: str) -> Path | None:
     """Return the path of the shared library of C code ``source``, built unless it is in the cache already.
 
-    None means that there is no compiler, or that it failed, in which case a warning tells what it said.
+    None means that there is no compiler, or that it failed, in which case a warning says what it reported.
 
     Raises:
         InvalidValue: the environment asks for a compiler that does not run.
@@ -100,7 +100,7 @@ def shared_library(name: str, source: str) -> Path | None:
     try:
         folder = cache_directory("kernels")
         for path in sorted(folder.glob(f"{name}-{key}-*.so")):
-            if _sound(path, path.stem.rpartition("-")[2]):
+            if _intact(path, path.stem.rpartition("-")[2]):
                 return path
             path.unlink(missing_ok=True)
         content = _compile(command, source)

@@ -1,7 +1,7 @@
-"""How far an arm's capsules are from each other, from a table and from boxes, as one CasADi function of the posture.
+"""Clearance of an arm's capsules from each other, from a table and from boxes, as one CasADi function.
 
-Distances only, without gradients, for many postures at once. What is further away than a horizon is not looked at
-closely: two spheres around two bodies tell that, and the result says the horizon.
+Distances only, without gradients, for many configurations at once. What is further away than a horizon is not worked
+out: two spheres around two bodies are enough to know that, and the result is the horizon.
 """
 
 from __future__ import annotations
@@ -11,36 +11,37 @@ from collections.abc import Sequence
 import casadi
 import numpy as np
 
-from optsc.kernels.capsules import LinkCapsules, capsule_ends
+from optsc.kernels.capsules import (
+    TINY,
+    LinkCapsules,
+    capsule_ends,
+    clip,
+    nearest_shares,
+    nearest_to_box,
+    norm,
+)
 from optsc.kernels.chain import Chain
-from optsc.kernels.segments import TINY, clip, nearest_shares, nearest_to_box, norm
+from optsc.kernels.symbols import only_if, symbols
 
 BOX = 15
 """Numbers of a box: rotation (column by column), centre, half extents."""
 
 
-def _either(name: str, inputs: list[casadi.MX], near: casadi.MX, close: casadi.Function) -> casadi.MX:
-    """Return the value of ``close`` where ``near``, else the last of the inputs, the horizon."""
-    arguments = [casadi.MX.sym(f"x{i}", *x.shape) for i, x in enumerate(inputs)]
-    far = casadi.Function(f"{name}_far", arguments, [arguments[-1]])
-    return casadi.Function.if_else(name, close, far)(near, *inputs)
-
-
 def between_capsules() -> casadi.Function:
     """Return the function (ends, other ends, sum of the radii) -> distance of two capsules [m]."""
-    first, second, radii = (casadi.SX.sym(name, n) for name, n in (("first", 6), ("second", 6), ("radii", 1)))
+    inputs = symbols(casadi.SX, first=6, second=6, radii=1)
+    first, second, radii = inputs
     a, b = (first[:3], first[3:]), (second[:3], second[3:])
     s, t, _ = nearest_shares(a, b, casadi.SX(2, 1))
     gap = a[0] + s * (a[1] - a[0]) - b[0] - t * (b[1] - b[0])
-    return casadi.Function("between_capsules", [first, second, radii], [norm(gap) - radii])
+    return casadi.Function("between_capsules", inputs, [norm(gap) - radii])
 
 
-def _if_near(name: str, distance: casadi.Function, sizes: dict[str, int]) -> casadi.Function:
-    """Return (near, inputs, horizon) -> distance where it is near, and the horizon at most, else the horizon."""
-    symbols = [casadi.MX.sym(label, size) for label, size in sizes.items()]
-    close = casadi.Function(f"{name}_close", symbols, [casadi.fmin(distance(*symbols[:-1]), symbols[-1])])
-    near = casadi.MX.sym("near")
-    return casadi.Function(name, [near, *symbols], [_either(f"{name}_choice", symbols, near, close)])
+def _if_near(distance: casadi.Function, **sizes: int) -> casadi.Function:
+    """Return (near, *inputs, horizon) -> distance where it is near, and the horizon at most, else the horizon."""
+    inputs = symbols(casadi.MX, **sizes, horizon=1)
+    least = casadi.fmin(distance(*inputs[:-1]), inputs[-1])
+    return only_if(casadi.Function(distance.name(), inputs, [least]), inputs, inputs[-1:])
 
 
 def to_box() -> casadi.Function:
@@ -48,24 +49,25 @@ def to_box() -> casadi.Function:
 
     Where the segment meets the box it is minus the radius: how deep it is in is not asked.
     """
-    ends, radius, box = casadi.SX.sym("ends", 6), casadi.SX.sym("radius"), casadi.SX.sym("box", BOX)
+    inputs = symbols(casadi.SX, ends=6, radius=1, box=BOX)
+    ends, radius, box = inputs
     R, centre, half = casadi.reshape(box[:9], 3, 3), box[9:12], box[12:15]
     a, b = R.T @ (ends[:3] - centre), R.T @ (ends[3:] - centre)
     p = a + nearest_to_box(a, b, half, casadi.SX(0.0)) * (b - a)
     outside = p - casadi.fmin(casadi.fmax(p, -half), half)
-    return casadi.Function("to_box", [ends, radius, box], [norm(outside) - radius])
+    return casadi.Function("to_box", inputs, [norm(outside) - radius])
 
 
 def _near(count: int) -> casadi.Function:
     """(ends (6, count), sizes (2, count), box, horizon) -> which capsules may be nearer to the box than the horizon."""
-    ends, size = casadi.SX.sym("ends", 6, count), casadi.SX.sym("size", 2, count)
-    box, horizon = casadi.SX.sym("box", BOX), casadi.SX.sym("horizon")
+    inputs = symbols(casadi.SX, ends=(6, count), size=(2, count), box=BOX, horizon=1)
+    ends, size, box, horizon = inputs
     R, flags = casadi.reshape(box[:9], 3, 3), []
     for k in range(count):
         local = R.T @ (0.5 * (ends[:3, k] + ends[3:, k]) - box[9:12])
         outside = casadi.fmax(casadi.fabs(local) - box[12:15], 0.0)
         flags.append(casadi.dot(outside, outside) < (size[1, k] + horizon) ** 2)
-    return casadi.Function("near", [ends, size, box, horizon], [casadi.densify(casadi.horzcat(*flags))])
+    return casadi.Function("near", inputs, [casadi.densify(casadi.horzcat(*flags))])
 
 
 def _self_clearance(
@@ -77,8 +79,9 @@ def _self_clearance(
     first, second = [a for a, _ in pairs], [b for _, b in pairs]
     radii = casadi.MX(casadi.DM(links.radius[first] + links.radius[second]).T)
     near = _near_pairs(links, pairs)(ends, horizon)
-    sizes = {"first": 6, "second": 6, "radii": 1, "horizon": 1}
-    each = _if_near("between", between_capsules(), sizes).map("self_pairs", "serial", len(pairs), [4], [])
+    each = _if_near(between_capsules(), first=6, second=6, radii=1).map(
+        "self_pairs", "serial", len(pairs), [4], []
+    )
     return casadi.mmin(each(near, ends[:, first], ends[:, second], radii, horizon))
 
 
@@ -96,9 +99,10 @@ def _balls(capsules: LinkCapsules) -> list[tuple[list[int], float]]:
 def _near_pairs(capsules: LinkCapsules, pairs: Sequence[tuple[int, int]]) -> casadi.Function:
     """(ends (6, C), horizon) -> which of the pairs may be nearer than the horizon (1, P).
 
-    The second capsule is looked at together with all that is fixed to it, as one ball.
+    The second capsule is taken together with all that is fixed to it, as one ball.
     """
-    ends, horizon = casadi.SX.sym("ends", 6, len(capsules.link)), casadi.SX.sym("horizon")
+    inputs = symbols(casadi.SX, ends=(6, len(capsules.link)), horizon=1)
+    ends, horizon = inputs
     balls, known, flags = _balls(capsules), {}, []
     for a, b in pairs:
         fixed, radius = balls[b]
@@ -109,21 +113,18 @@ def _near_pairs(capsules: LinkCapsules, pairs: Sequence[tuple[int, int]]) -> cas
             reach = radius + capsules.radius[a] + horizon
             known[a, fixed[0]] = casadi.dot(offset, offset) < reach * reach
         flags.append(known[a, fixed[0]])
-    return casadi.Function("near_pairs", [ends, horizon], [casadi.densify(casadi.horzcat(*flags))])
+    return casadi.Function("near_pairs", inputs, [casadi.densify(casadi.horzcat(*flags))])
 
 
 def _over_capsules(count: int) -> casadi.Function:
     """(ends, sizes, box, horizon) -> least distance of the capsules from a box."""
-    ends, size = casadi.MX.sym("ends", 6, count), casadi.MX.sym("size", 2, count)
-    box, horizon = casadi.MX.sym("box", BOX), casadi.MX.sym("horizon")
-    inputs = [ends, size, box, horizon]
+    inputs = symbols(casadi.MX, ends=(6, count), size=(2, count), box=BOX, horizon=1)
+    ends, size, box, horizon = inputs
     near = _near(count)(*inputs)
-    sizes = {"ends": 6, "radius": 1, "box": BOX, "horizon": 1}
-    each = _if_near("to_box", to_box(), sizes).map("capsules", "serial", count, [3, 4], [])
+    each = _if_near(to_box(), ends=6, radius=1, box=BOX).map("capsules", "serial", count, [3, 4], [])
     least = casadi.mmin(each(near, ends, size[0, :], box, horizon))
     # Most boxes are far from all capsules.
-    close = casadi.Function("over_capsules_close", inputs, [least])
-    found = _either("over_capsules_choice", inputs, casadi.mmax(near), close)
+    found = only_if(casadi.Function("least", inputs, [least]), inputs, [horizon])(casadi.mmax(near), *inputs)
     return casadi.Function("over_capsules", inputs, [found])
 
 
@@ -156,8 +157,8 @@ def clearance(
     The output is one column (3 + 2 B): clearance to itself; the same of the close pairs; to the table; of all but the
     hand to each box; of the hand to each box. They are lower bounds of the distances of what the capsules hold.
     """
-    q, horizon, height = casadi.MX.sym("q", chain.n), casadi.MX.sym("horizon"), casadi.MX.sym("height")
-    box = casadi.MX.sym("boxes", BOX, boxes)
+    inputs = symbols(casadi.MX, q=chain.n, horizon=1, height=1, boxes=(BOX, boxes))
+    q, horizon, height, box = inputs
     placed = capsule_ends(chain, hulls)(q)
     size = np.stack([hulls.radius, hulls.radius + 0.5 * hulls.length])
     moving = hulls.moving
@@ -172,4 +173,4 @@ def clearance(
         far = casadi.repmat(horizon, 1, boxes)
         parts.append((_to_boxes(placed[:, some], casadi.DM(size[:, some]), box, horizon) if some else far).T)
     out = casadi.densify(casadi.vertcat(*parts))
-    return casadi.Function("clearance", [q, horizon, height, box], [out])
+    return casadi.Function("clearance", inputs, [out])

@@ -15,10 +15,9 @@ import casadi
 import numpy as np
 
 from optsc.geometry.rotation import Array
-from optsc.kernels.capsules import LinkCapsules
+from optsc.kernels.capsules import TINY, LinkCapsules, clip, nearest_shares, nearest_to_box, norm
 from optsc.kernels.chain import Chain, joint_frames
 from optsc.kernels.rows import HEAD, Box, PairFunctions, Rates, RowBuilder, RowSettings
-from optsc.kernels.segments import TINY, clip, nearest_shares, nearest_to_box, norm
 
 BLEND = 1e-3
 """What blending may take off a distance [m]."""

@@ -1,4 +1,4 @@
-"""A CasADi function with buffers of its own: compiled where a compiler is, interpreted elsewhere."""
+"""Compiled kernels: a CasADi function with its buffers, compiled where a compiler is, interpreted elsewhere."""
 
 from __future__ import annotations
 

@@ -151,9 +151,9 @@ def grams(chain: Chain, bounds: Bounds, kind: str) -> casadi.Function:
     gram = _gram(weighted_jacobian(chain, bounds, kind, q, signs), length)
     if kind != "vahrenkamp":
         return casadi.Function("gram", [q, k, length], [casadi.substitute(gram, signs, casadi.DM.ones(6)), L])
-    posture, scale, unused = casadi.MX.sym("q", chain.n), casadi.MX.sym("length"), casadi.MX.sym("k")
-    found = _over_hyperoctants(chain, bounds, lambda J, size: _gram(J, size))(posture, scale)
-    return casadi.Function("grams", [posture, unused, scale], [found, casadi.MX(casadi.DM.ones(1))])
+    configuration, scale, unused = casadi.MX.sym("q", chain.n), casadi.MX.sym("length"), casadi.MX.sym("k")
+    found = _over_hyperoctants(chain, bounds, lambda J, size: _gram(J, size))(configuration, scale)
+    return casadi.Function("grams", [configuration, unused, scale], [found, casadi.MX(casadi.DM.ones(1))])
 
 
 def slopes(chain: Chain, bounds: Bounds, kind: str) -> casadi.Function:

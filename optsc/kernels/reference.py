@@ -7,8 +7,8 @@ import casadi
 from optsc.kernels import rotations
 
 QUICKNESS, SWIFTNESS = 8.0, 2.4
-"""Of catching up: omega^2 |e| and omega |de/dt| at most, in units of the braking that is counted on; either way the
-reference then accelerates by up to some 1.9 times that (ours)."""
+"""Of catching up: omega^2 |e| and omega |de/dt| at most, in units of the braking that is counted on; with either, the
+reference then accelerates by up to some 1.9 times that (tuned here)."""
 
 
 class ReferenceSettings:
@@ -109,6 +109,6 @@ def _moved_on(t: casadi.SX, elapsed: casadi.SX, fading: float) -> tuple[casadi.S
     speed = fading * (1.0 - left)
     known = elapsed <= 0.0
     speed = casadi.if_else(known, elapsed, speed)
-    way = casadi.if_else(known, 0.5 * elapsed * elapsed, fading * (elapsed - speed))
-    turned = rotations.multiply(rotations.exp(elapsed * w + way * b), q)
-    return p + elapsed * v + way * a, turned, v + speed * a, w + speed * b, left * a, left * b
+    travelled = casadi.if_else(known, 0.5 * elapsed * elapsed, fading * (elapsed - speed))
+    turned = rotations.multiply(rotations.exp(elapsed * w + travelled * b), q)
+    return p + elapsed * v + travelled * a, turned, v + speed * a, w + speed * b, left * a, left * b

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import casadi
-import numpy as np
 
 
 def multiply(a: casadi.SX, b: casadi.SX) -> casadi.SX:
@@ -76,42 +75,3 @@ def smooth_from_matrix(D: casadi.SX) -> casadi.SX:
     cosine = 0.5 * (D[0, 0] + D[1, 1] + D[2, 2] - 1.0)
     angle = casadi.atan2(sine, cosine)
     return casadi.if_else(sine < 1e-9, axis, (angle / sine) * axis)
-
-
-def tool_deviation(
-    R_WT: casadi.SX, p_WT: casadi.SX, R_goal: casadi.SX, p_goal: casadi.SX
-) -> tuple[casadi.SX, casadi.SX]:
-    """Return the deviation (6,) of a tool from its target, and what turns angular velocity into its rates.
-
-    In the target's axes: position [m], tilt about x and y, roll about z [rad]. The tilt is the rotation vector,
-    in the x y plane, that takes the target's z axis to the tool's; what is left is the roll:
-
-        D = R*ᵀ R,    tilt = acos(D₂₂) (-D₁₂, D₀₂) / √(D₀₂² + D₁₂²),    roll = atan2(D₁₀ - D₀₁, D₀₀ + D₁₁)
-
-    Unlike the rotation vector of D, this says the same of the tilt whatever the roll is. The matrix (3, 3) maps
-    angular velocity in the target's axes to the rates of tilt and roll. Where the z axes are opposite, the tilt
-    is half a turn about x and the roll arbitrary.
-    """
-    D = R_goal.T @ R_WT
-    x, y, z = D[0, 2], D[1, 2], D[2, 2]
-    square = x * x + y * y
-    sine = casadi.sqrt(square)
-    angle = casadi.atan2(sine, z)
-    aligned = casadi.logic_and(z > 0, square < 1e-8)
-    # f = angle / sine as a function of the cosine z has the derivative (z f - 1) / (1 - z²), at z = 1 -1/3.
-    f = casadi.if_else(aligned, 1 + square / 6, angle / (sine + 1e-200))
-    slope = casadi.if_else(square < 1e-8, -1 / 3, (z * f - 1) / (square + 1e-200))
-    half_turn = casadi.logic_and(z < 0, sine < 1e-8)
-    f = casadi.if_else(half_turn, 0, f)
-    tilt_x = casadi.if_else(half_turn, np.pi, -f * y)
-    N, M = D[1, 0] - D[0, 1], D[0, 0] + D[1, 1]
-    scale = M * M + N * N + 1e-200
-    rates = casadi.blockcat(
-        [
-            [f * z - slope * y * y, slope * x * y, -f * x],
-            [slope * x * y, f * z - slope * x * x, -f * y],
-            [(N * D[2, 1] - M * D[2, 0]) / scale, -(M * D[2, 1] + N * D[2, 0]) / scale, 1],
-        ]
-    )
-    deviation = casadi.vertcat(R_goal.T @ (p_WT - p_goal), tilt_x, f * x, casadi.atan2(N, M))
-    return deviation, rates

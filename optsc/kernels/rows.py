@@ -18,6 +18,7 @@ import numpy as np
 
 from optsc.geometry.rotation import Array
 from optsc.kernels.chain import Chain
+from optsc.kernels.symbols import only_if
 
 FLAT = 1e-4
 """Gradients shorter than this [m/rad] are no row: no motion of the arm changes such a distance."""
@@ -112,8 +113,7 @@ class RowBuilder:
         known = casadi.SX.sym("known")
         arguments = [known, *inputs, *self.shared]
         exact = casadi.Function(f"{name}_exact", arguments, [row])
-        skipped = casadi.Function(f"{name}_skipped", arguments, [self.far(known)])
-        chosen = casadi.Function.if_else(f"{name}_row", exact, skipped)
+        chosen = only_if(exact, arguments, [self.far(known)])
         return PairFunctions(casadi.Function(f"{name}_bound", inputs, [bound]), chosen, self.stop_rate)
 
 
@@ -139,7 +139,7 @@ class PairFunctions(NamedTuple):
         count, settings = speed.shape[1], shared[2]
         common = list(range(len(inputs) - fixed, len(inputs) + len(shared)))
         bound = self.bound.map("bounds", "serial", count, common[:fixed], [])(*inputs)
-        # With |g v| <= speed and the deceleration share * sum |g_i| A_i, up to its cap, the way to rest is no longer.
+        # With |g v| <= speed and the deceleration share * sum |g_i| A_i, up to its cap, the stop is no longer.
         delay, share, most = (
             settings[k] for k in (RowSettings.DELAY, RowSettings.BRAKING, RowSettings.MOST_BRAKING)
         )

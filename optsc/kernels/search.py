@@ -1,10 +1,10 @@
-"""Attempts to solve the inverse kinematics of a pose as one CasADi function, all iterations inside.
+"""Global search of inverse kinematics: attempts at one pose as one CasADi function, all iterations inside.
 
 An iteration is the step of `optsc.kernels.newton`, shortened to `LONGEST_STEP` and projected onto the limits.
 
-With a tolerance for every component, e is what the deviation of the tool from its target (see
-`rotations.tool_deviation`) has beyond `AIM` times its tolerance, and components within that have no row in J: what is
-free takes no part, and what has room is moved no further than it must.
+With a tolerance for every component, e is what the deviation of the tool from its target (see `tool_deviation`) has
+beyond `AIM` times its tolerance, and components within that have no row in J: what is free takes no part, and what has
+room is moved no further than it must.
 """
 
 from __future__ import annotations
@@ -22,14 +22,16 @@ from optsc.kernels.newton import (
     INVERSE_WEIGHTS,
     damped_step,
     pose_error,
+    tool_deviation,
     without_blocked,
 )
+from optsc.kernels.symbols import inputs_like, only_if, symbols
 
 LONGEST_STEP = 1.0
 """Greatest change of a joint in one iteration [rad or m]."""
 FALL, PATIENCE = 0.9, 4
-"""An attempt is given up when eᵀ W e does not fall below FALL times its best for more than PATIENCE
-iterations: a new start is worth more than patience."""
+"""An attempt is abandoned when eᵀ W e does not fall below FALL times its best for more than PATIENCE iterations: a new
+start is worth more than patience."""
 ITERATIONS = 40
 """Greatest number of iterations of an attempt; a multiple of _BLOCK."""
 _BLOCK = 10
@@ -40,12 +42,12 @@ AIM = 0.5
 STARTS = 8
 """Starts that one call of `search` tries one after another."""
 
-_RUNNING, _SOLVED, _GIVEN_UP = 0, 1, 2
+_RUNNING, _SOLVED, _ABANDONED = 0, 1, 2
 
 
 @dataclass
 class _State:
-    """An attempt under way."""
+    """An attempt while it runs."""
 
     q: casadi.SX
     status: casadi.SX
@@ -70,7 +72,7 @@ class _State:
 
 @dataclass
 class _Miss:
-    """How far a posture is from its target."""
+    """How far a configuration is from its target."""
 
     error: casadi.SX  # what a step is to take away (6,)
     J: casadi.SX  # how much of it joint velocities take away (6, n)
@@ -90,7 +92,7 @@ def _miss_by_component(chain: Chain, q: casadi.SX, target: casadi.SX) -> _Miss:
     """Six tolerances: target is quaternion, position, tolerances; all in the target's axes."""
     R, p, J = tool_kinematics(chain, q)
     R_goal, tolerances = rotations.to_matrix(target[:4]), target[7:13]
-    deviation, rates = rotations.tool_deviation(R, p, R_goal, target[4:7])
+    deviation, rates = tool_deviation(R, p, R_goal, target[4:7])
     band = AIM * tolerances
     error = casadi.fmin(casadi.fmax(deviation, -band), band) - deviation
     wanted = casadi.if_else(casadi.fabs(deviation) > band, 1, 0)
@@ -100,12 +102,11 @@ def _miss_by_component(chain: Chain, q: casadi.SX, target: casadi.SX) -> _Miss:
     return _Miss(error, J, casadi.fmax(excess, 0), excess <= 0)
 
 
-def _iteration(chain: Chain, by_component: bool) -> casadi.Function:
+def iteration(chain: Chain, by_component: bool) -> casadi.Function:
     """Return the function (state, target, bounds) -> state of one Levenberg-Marquardt step."""
     n = chain.n
-    rows = casadi.SX.sym("state", n + 5)
-    target = casadi.SX.sym("target", target_size(by_component))
-    bounds = casadi.SX.sym("bounds", 2 * n)
+    inputs = symbols(casadi.SX, state=n + 5, target=target_size(by_component), bounds=2 * n)
+    rows, target, bounds = inputs
     lower, upper = bounds[:n], bounds[n:]
     state = _State.unpack(rows)
     miss = (_miss_by_component if by_component else _miss)(chain, state.q, target)
@@ -120,10 +121,10 @@ def _iteration(chain: Chain, by_component: bool) -> casadi.Function:
     fell = cost < FALL * state.least
     stalled = casadi.if_else(fell, 0, state.stalled + 1)
     hopeless = casadi.logic_or(stalled > PATIENCE, state.iterations >= ITERATIONS - 1)
-    status = casadi.if_else(miss.solved, _SOLVED, casadi.if_else(hopeless, _GIVEN_UP, _RUNNING))
+    status = casadi.if_else(miss.solved, _SOLVED, casadi.if_else(hopeless, _ABANDONED, _RUNNING))
     moved = casadi.fmin(casadi.fmax(state.q + step, lower), upper)
     after = _State(
-        # The residual belongs to the posture that is returned, so the last iteration does not move.
+        # The residual belongs to the configuration that is returned, so the last iteration does not move.
         q=casadi.if_else(status == _RUNNING, moved, state.q),
         status=status,
         residual=residual,
@@ -131,12 +132,12 @@ def _iteration(chain: Chain, by_component: bool) -> casadi.Function:
         least=casadi.if_else(fell, cost, state.least),
         stalled=stalled,
     )
-    return casadi.Function("iteration", [rows, target, bounds], [after.pack()])
+    return casadi.Function("iteration", inputs, [after.pack()])
 
 
 def _repeated(step: casadi.Function, times: int, name: str) -> casadi.Function:
     """Return the function that applies ``step`` ``times`` times, or until the attempt is no longer running."""
-    arguments = [casadi.MX.sym(step.name_in(i), step.sparsity_in(i)) for i in range(step.n_in())]
+    arguments = inputs_like(step)
     state, *others = arguments
     n = state.shape[0] - 5
     unchanged = casadi.Function(f"{name}_unchanged", arguments, [state])
@@ -162,62 +163,58 @@ def target_size(by_component: bool) -> int:
     return 13 if by_component else 8
 
 
+def _ended(chain: Chain) -> casadi.Function:
+    """Return the function (state, best, seed, limits) -> best after an attempt."""
+    n = chain.n
+    inputs = symbols(casadi.SX, state=n + 5, best=n + 3, seed=n, limits=2 * n)
+    rows, best, seed, limits = inputs
+    state, lower, upper = _State.unpack(rows), limits[:n], limits[n:]
+    turned = _unwound(state.q, seed, lower, upper)
+    q = casadi.vertcat(*(state.q[i] if slides else turned[i] for i, slides in enumerate(chain.slides)))
+    # Taking off turns leaves rounding, which must not lead out of the limits.
+    inside = casadi.fmin(casadi.fmax(q, lower), upper)
+    found = casadi.vertcat(inside, state.residual, state.status == _SOLVED)
+    better = state.residual < best[n]
+    kept = casadi.vertcat(casadi.if_else(better, found, best[: n + 2]), best[n + 2] + state.iterations)
+    return casadi.Function("ended", inputs, [kept])
+
+
 def _attempt(chain: Chain, by_component: bool) -> casadi.Function:
     """Return the function (best, target, seed, start, bounds, limits) -> best of one attempt, see `search`."""
-    n = chain.n
-    best, q = casadi.SX.sym("best", n + 3), casadi.SX.sym("q", n)
-    seed, limits = casadi.SX.sym("seed", n), casadi.SX.sym("limits", 2 * n)
+    n, q = chain.n, casadi.SX.sym("q", chain.n)
     begin = casadi.Function("begin", [q], [_State.start(q).pack()])
-    rows = casadi.SX.sym("state", n + 5)
-    state = _State.unpack(rows)
-    turns = _unwound(state.q, seed, limits[:n], limits[n:])
-    posture = [state.q[i] if chain.slides[i] else turns[i] for i in range(n)]
-    # Taking off turns leaves rounding, which must not lead out of the limits.
-    inside = casadi.fmin(casadi.fmax(casadi.vertcat(*posture), limits[:n]), limits[n:])
-    better = state.residual < best[n]
-    found = casadi.vertcat(inside, state.residual, state.status == _SOLVED)
-    kept = casadi.vertcat(casadi.if_else(better, found, best[: n + 2]), best[n + 2] + state.iterations)
-    end = casadi.Function("end", [rows, best, seed, limits], [kept])
-    run = _repeated(
-        _repeated(_iteration(chain, by_component), _BLOCK, "block"), ITERATIONS // _BLOCK, "blocks"
-    )
+    block = _repeated(iteration(chain, by_component), _BLOCK, "block")
+    run = _repeated(block, ITERATIONS // _BLOCK, "blocks")
     size = target_size(by_component)
-    sizes = {"best": n + 3, "target": size, "seed": n, "start": n, "bounds": 2 * n, "limits": 2 * n}
-    inputs = [casadi.MX.sym(name, size) for name, size in sizes.items()]
-    mx_best, target, mx_seed, start, bounds, mx_limits = inputs
-    ended = run(begin(start), target, bounds)
-    return casadi.Function("attempt", inputs, [end(ended, mx_best, mx_seed, mx_limits)])
+    inputs = symbols(casadi.MX, best=n + 3, target=size, seed=n, start=n, bounds=2 * n, limits=2 * n)
+    best, target, seed, start, bounds, limits = inputs
+    after = _ended(chain)(run(begin(start), target, bounds), best, seed, limits)
+    return casadi.Function("attempt", inputs, [after])
 
 
 def search(chain: Chain, by_component: bool = False) -> casadi.Function:
     """Return the function (best, target, seed, starts, count, bounds, limits) -> best of attempts at one pose.
 
-    * best (n + 3), in and out: the posture of least residual so far; its residual, the largest component of the
+    * best (n + 3), in and out: the configuration of least residual so far; its residual, the largest component of the
       pose error there [m or rad], infinite at first; whether it is within tolerance; iterations so far.
     * target (8): unit quaternion w, x, y, z, position [m], tolerance of the residual; or, ``by_component``, (13):
-      the last six are tolerances of the components of `rotations.tool_deviation`, infinite where one is free. The
-      residual is then what exceeds them, zero on success.
+      the last six are tolerances of the components of `tool_deviation`, infinite where one is free. The residual is
+      then what exceeds them, zero on success.
     * seed (n): turning joints end within half a turn of it, as far as the limits permit.
-    * starts (n, `STARTS`), count: postures inside the bounds; the first ``count`` are tried until one succeeds.
+    * starts (n, `STARTS`), count: configurations inside the bounds; the first ``count`` are tried until one succeeds.
     * bounds (2 n): lower, then upper positions that the iterations observe. A joint that can make a full turn
       needs none.
     * limits (2 n): lower, then upper positions that the result observes, infinite where there are none.
     """
-    n = chain.n
-    sizes = {"best": n + 3, "target": target_size(by_component), "seed": n}
-    best, target, seed = (casadi.MX.sym(name, size) for name, size in sizes.items())
-    starts, count = casadi.MX.sym("starts", n, STARTS), casadi.MX.sym("count")
-    bounds, limits = casadi.MX.sym("bounds", 2 * n), casadi.MX.sym("limits", 2 * n)
-    inputs = [best, target, seed, starts, count, bounds, limits]
-    attempt = _attempt(chain, by_component)
-    arguments = [casadi.MX.sym(f"x{i}", attempt.sparsity_in(i)) for i in range(attempt.n_in())]
-    unchanged = casadi.Function("attempt_unchanged", arguments, [arguments[0]])
-    guarded = casadi.Function.if_else("attempt_guarded", attempt, unchanged)
-    after = best
+    n, size = chain.n, target_size(by_component)
+    inputs = symbols(
+        casadi.MX, best=n + 3, target=size, seed=n, starts=(n, STARTS), count=1, bounds=2 * n, limits=2 * n
+    )
+    best, target, seed, starts, count, bounds, limits = inputs
+    attempt, after = only_if(_attempt(chain, by_component)), best
     for k in range(STARTS):
         wanted = casadi.logic_and(k < count, casadi.logic_not(after[n + 1]))
-        after = guarded(wanted, after, target, seed, starts[:, k], bounds, limits)
+        after = attempt(wanted, after, target, seed, starts[:, k], bounds, limits)
     tried = casadi.Function("tried", inputs, [after])
-    idle = casadi.Function("idle", inputs, [best])
-    # Without this a place left empty in a batch would cost a look at every start.
-    return casadi.Function("search", inputs, [casadi.Function.if_else("any", tried, idle)(count, *inputs)])
+    # Without this an empty place in a batch would cost a test for every start.
+    return casadi.Function("search", inputs, [only_if(tried, inputs, [best])(count, *inputs)])

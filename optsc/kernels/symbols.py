@@ -1,4 +1,4 @@
-"""Building blocks of CasADi functions: inputs by name, and branches that the generated code really jumps over."""
+"""Building blocks of CasADi functions: inputs by name, and branches that are really jumped over."""
 
 from __future__ import annotations
 

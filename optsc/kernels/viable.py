@@ -1,4 +1,4 @@
-"""The viable interval: which joint accelerations at this tick leave a way to keep every limit for ever.
+"""The viable interval: which joint accelerations at this tick allow a joint to keep every limit for ever.
 
 One joint at a time. Its state at a tick is (q, v, a), and the choice is the acceleration a' of the next tick:
 
@@ -22,9 +22,9 @@ BISECTIONS = 44
 OUTSIDE = 1e-9
 """A joint this far [rad] beyond a position limit counts as having started outside it."""
 RETURN_RATE = 5.0
-"""Speed of return from outside a position limit, per distance [1/s] (ours)."""
+"""Speed of return from outside a position limit, per distance [1/s] (tuned here)."""
 RETURN_INSET = 1e-3
-"""How far inside [rad] the return aims, so that it ends in finite time (ours)."""
+"""How far inside [rad] the return aims, so that it ends in finite time (tuned here)."""
 
 
 class Bound(IntEnum):
@@ -94,7 +94,7 @@ def _upper_ends() -> casadi.Function:
     velocity_end = _velocity_end(v, V, step, dt)
     end = casadi.fmin(casadi.fmax(velocity_end, least), most)
     homeward = (-casadi.fmin(RETURN_RATE * (q - u + RETURN_INSET), 0.5 * V) - v) / dt
-    # Seen from far outside all of the above still holds; the position end just asks for the way back.
+    # Seen from far outside all of the above still holds; the position end just asks for the return.
     outside_end = casadi.fmin(casadi.fmax(homeward, least), end)
     fits = _reach(end, q, v, A, J, dt) <= u
     outside = q > u + OUTSIDE

@@ -60,15 +60,15 @@ _UR5 = _Arm(
     sources={
         "position": "the description of ROS-Industrial (elbow within half a turn, the others within one)",
         "velocity": "Universal Robots, UR5 technical specifications: 180 deg/s",
-        "acceleration": "ours: the maker publishes none",
-        "jerk": "ours: the maker publishes none",
+        "acceleration": "tuned here: the maker publishes none",
+        "jerk": "tuned here: the maker publishes none",
     },
 )
 _IIWA = _Arm(
     description=lambda: urdf.package_folder("pybullet_data", "kuka_iiwa", "model.urdf"),
     flange="lbr_iiwa_link_7",
     flange_xyz=(0.0, 0.0, 0.045),
-    flange_rpy=(0.0, 0.0, pi),  # so that the jaws point as the Panda's do in the same posture
+    flange_rpy=(0.0, 0.0, pi),  # so that the jaws point as the Panda's do in the same configuration
     home=(0.0, 0.0983, 0.0, -1.7997, 0.0, 1.2436, 0.0),
     limits={
         "lower": tuple(radians(-d) for d in (170, 120, 170, 120, 170, 120, 175)),
@@ -80,8 +80,8 @@ _IIWA = _Arm(
     sources={
         "position": "KUKA, LBR iiwa 14 R820 data sheet",
         "velocity": "KUKA, LBR iiwa 14 R820 data sheet",
-        "acceleration": "ours: the maker publishes none",
-        "jerk": "ours: the maker publishes none",
+        "acceleration": "tuned here: the maker publishes none",
+        "jerk": "tuned here: the maker publishes none",
     },
 )
 _XARM7 = _Arm(
@@ -97,8 +97,8 @@ _XARM7 = _Arm(
     sources={
         "position": "the maker's own description (xarm_ros)",
         "velocity": "the maker's own description (xarm_ros)",
-        "acceleration": "ours",
-        "jerk": "ours",
+        "acceleration": "tuned here",
+        "jerk": "tuned here",
     },
 )
 
@@ -136,7 +136,7 @@ def load_robot(
         name_or_urdf: a catalogue name, or the path of a URDF file.
         tip: the tool frame T; needed for a file, by default the gripper's for the catalogue.
         gripper: the jaws at the tip of a URDF file's arm.
-        home: a posture (n,) [rad] in place of the catalogue's.
+        home: a configuration (n,) [rad] in place of the catalogue's.
         limits: limits that replace the catalogue's or the file's, see `model_from_urdf`; for example tighter
             operational limits.
 

@@ -23,7 +23,7 @@ from optsc.robot.model import RobotModel
 from optsc.robot.obstacles import Boxes, Obstacles, box_slots, boxes_of, convex_parts
 
 HORIZON = 0.2
-"""Clearances count up to this [m]: what is further away is not in the way."""
+"""Clearances count up to this [m]: what is further away is no obstacle."""
 SAFE = 1e-5
 """Bodies whose capsules are further apart than this [m] do not touch, whatever the rounding."""
 BOXES_PER_OBSTACLE = 4
@@ -50,12 +50,12 @@ class SelfPairs(NamedTuple):
     Attributes:
         telling: pairs whose distance says something about a configuration.
         close: pairs that are close to each other, or always at about the same distance.
-        touching: pairs of links that some capsules of overlap at home: only the exact check can tell.
+        overlapping: pairs of links some of whose capsules overlap at home: only the exact check tells their contacts.
     """
 
     telling: tuple[tuple[int, int], ...]
     close: tuple[tuple[int, int], ...]
-    touching: LinkPairs
+    overlapping: LinkPairs
 
 
 class Clearances(NamedTuple):
@@ -91,11 +91,11 @@ def self_pairs(robot: RobotModel, linked: LinkPairs) -> SelfPairs:
     distance = _sampled(robot, capsules, pairs)
     apart = distance[0] > SAFE
     telling = (distance[0] > CLOSE) & (np.ptp(distance, axis=0) > TRAVEL)
-    touching = dict.fromkeys((names[a], names[b]) for k, (a, b) in enumerate(pairs) if not apart[k])
+    overlapping = dict.fromkeys((names[a], names[b]) for k, (a, b) in enumerate(pairs) if not apart[k])
     return SelfPairs(
         tuple(pair for k, pair in enumerate(pairs) if telling[k]),
         tuple(pair for k, pair in enumerate(pairs) if apart[k] and not telling[k]),
-        tuple(touching),
+        tuple(overlapping),
     )
 
 
@@ -196,7 +196,7 @@ class ClearanceScene:
         self._owner = np.array([*owner, *[""] * (slots - len(owner))])
         self._height = -FAR_AWAY if table_height is None else table_height
         self._kernel = _kernel(robot, linked, slots)
-        self.tells_of_itself = not self_pairs(robot, linked).touching
+        self.tells_of_itself = not self_pairs(robot, linked).overlapping
         """Whether configurations in which no capsules touch each other can be told; not where some always do."""
 
     def level_ends_clear(self, margin: float) -> bool:

@@ -23,9 +23,9 @@ from optsc.robot.limits import JointLimits
 from optsc.robot.urdf import read_urdf
 
 ACCELERATION_TIME = 0.2
-"""Where nobody states an acceleration limit: the time [s] from rest to the velocity limit (ours)."""
+"""Where nobody states an acceleration limit: the time [s] from rest to the velocity limit (tuned here)."""
 JERK_TIME = 0.05
-"""Where nobody states a jerk limit: the time [s] from no acceleration to its limit (ours)."""
+"""Where nobody states a jerk limit: the time [s] from no acceleration to its limit (tuned here)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class RobotModel:
         tip: name of the tool frame T: between the pads, z the approach axis, y the closing axis.
         model: pinocchio model of the n arm joints; all others are locked. Treat as read-only.
         limits: joint limits, each (n,).
-        home: a posture (n,) [rad] inside the limits.
+        home: a configuration (n,) [rad] inside the limits.
         gripper: the parallel jaws at the tip, if any.
         sources: where each limit comes from, in words.
     """
@@ -77,14 +77,14 @@ class RobotModel:
         return self.model.createData()
 
     def checked(self, q: ArrayLike, field: str = "q") -> Array:
-        """Return a posture (..., n) from outside as floats; raise `InvalidValue` on a wrong shape or NaN."""
+        """Return a configuration (..., n) from outside as floats; raise `InvalidValue` on a wrong shape or NaN."""
         q = np.asarray(q, dtype=float)
         if q.shape[-1:] != (self.n,) or not np.all(np.isfinite(q)):
             raise InvalidValue(field, q.tolist(), f"finite, shape (..., {self.n}) [rad]")
         return q
 
     def forward(self, q: ArrayLike) -> Pose:
-        """Return X_WT for postures ``q`` (..., n)."""
+        """Return X_WT for configurations ``q`` (..., n)."""
         q = self.checked(q)
         xyzquat = np.array([self._placement(row) for row in q.reshape(-1, self.n)]).reshape(*q.shape[:-1], 7)
         return Pose(xyzquat[..., [6, 3, 4, 5]], xyzquat[..., :3])
@@ -95,13 +95,13 @@ class RobotModel:
         return pinocchio.SE3ToXYZQUAT(self._data.oMf[self.tip_id])
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Return the Jacobian (6, n) of T at the posture ``q`` (n,): linear [m], then angular [rad], in W's axes."""
+        """Return the Jacobian (6, n) of T at ``q`` (n,): linear [m], then angular [rad], in W's axes."""
         return pinocchio.computeFrameJacobian(
             self.model, self._data, self.checked(q), self.tip_id, pinocchio.LOCAL_WORLD_ALIGNED
         )
 
     def random_configuration(self, rng: np.random.Generator, shape: tuple[int, ...] = ()) -> Array:
-        """Return postures (*shape, n), uniform within the position limits."""
+        """Return configurations (*shape, n), uniform within the position limits."""
         lower, upper = self.limits.sampling
         return rng.uniform(lower, upper, size=(*shape, self.n))
 
@@ -190,7 +190,7 @@ def model_from_urdf(
         tip: the tool frame T.
         name: what to call it; by default the description's own name.
         gripper: the jaws at the tip, if any.
-        home: a posture (n,) [rad]; by default the middle of the limits.
+        home: a configuration (n,) [rad]; by default the middle of the limits.
         limits: ``lower``, ``upper``, ``velocity``, ``acceleration``, ``jerk`` (n,) that replace the file's. Where
             nobody states them, acceleration and jerk follow from `ACCELERATION_TIME` and `JERK_TIME`.
         sources: where the limits come from, in words.
@@ -215,17 +215,17 @@ def model_from_urdf(
             "joints between the root and " + tip, model.nv, "at least one, each of one degree of freedom"
         )
     joint_limits = _limits_of(model, continuous, dict(limits or {}))
-    posture = np.array(np.mean(joint_limits.sampling, axis=0) if home is None else home, dtype=float)
-    if posture.shape != (model.nv,) or not np.all(joint_limits.clip(posture) == posture):
-        raise InvalidValue("home", posture.tolist(), f"shape ({model.nv},), inside the position limits")
-    posture.flags.writeable = False
+    configuration = np.array(np.mean(joint_limits.sampling, axis=0) if home is None else home, dtype=float)
+    if configuration.shape != (model.nv,) or not np.all(joint_limits.clip(configuration) == configuration):
+        raise InvalidValue("home", configuration.tolist(), f"shape ({model.nv},), inside the position limits")
+    configuration.flags.writeable = False
     return RobotModel(
         name=name or root.get("name") or path.stem,
         urdf=path,
         tip=tip,
         model=model,
         limits=joint_limits,
-        home=posture,
+        home=configuration,
         gripper=gripper,
         sources=dict(sources or {}),
     )

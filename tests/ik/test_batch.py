@@ -37,7 +37,7 @@ SLIDING_ARM = """
 
 
 def reachable(robot, count, seed=0):
-    """Poses of random postures, and the postures."""
+    """Poses of random configurations, and the configurations."""
     q = robot.random_configuration(np.random.default_rng(seed), (count,))
     return robot.forward(q), q
 
@@ -89,7 +89,7 @@ def test_a_pose_that_the_seed_reaches_is_solved_by_the_seed_itself():
     assert np.all(solutions.residual < 1e-12)
 
 
-def test_a_nearby_pose_is_solved_by_a_nearby_posture():
+def test_a_nearby_pose_is_solved_by_a_nearby_configuration():
     seeds = PANDA.random_configuration(np.random.default_rng(1), (200,))
     goals = PANDA.limits.clip(seeds + np.random.default_rng(2).uniform(-0.02, 0.02, seeds.shape))
     solutions = solve_ik(PANDA, PANDA.forward(goals), seeds=seeds)
@@ -191,7 +191,7 @@ def test_a_pose_further_away_than_the_arm_is_long_is_out_of_reach():
     np.testing.assert_allclose(solutions.residual, pose_error(PANDA, solutions.q, X_WT), rtol=1e-6)
 
 
-def test_poses_behind_the_limits_are_told_from_poses_that_no_posture_has():
+def test_poses_behind_the_limits_are_told_from_poses_that_no_configuration_has():
     # The elbow alone sets how far the wrist is from the shoulder, so its limits exclude what it would have to do.
     limits = {"lower": UR5.limits.lower.copy(), "upper": UR5.limits.upper.copy()}
     limits["lower"][2], limits["upper"][2] = 0.3, 1.2

@@ -1,4 +1,4 @@
-"""Global inverse kinematics with room to choose: tolerances by component, choices among postures, collisions."""
+"""Global inverse kinematics with room to choose: tolerances by component, choices among configurations, collisions."""
 
 import casadi
 import numpy as np
@@ -8,7 +8,7 @@ from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.ik import arm
 from optsc.ik.batch import REASONS, IkStatus, deviation, solve_ik
-from optsc.kernels.rotations import tool_deviation
+from optsc.kernels.newton import tool_deviation
 from optsc.robot import ROBOT_NAMES, load_robot
 from optsc.robot.manipulability import Manipulability
 
@@ -143,8 +143,8 @@ def test_room_is_used_no_further_than_is_needed():
 # Choices ------------------------------------------------------------------------------------------------------------
 
 
-def test_the_nearest_of_an_arms_discrete_postures_is_found():
-    # Six joints: a pose has finitely many postures, so many random seeds find them all.
+def test_the_nearest_of_an_arms_discrete_configurations_is_found():
+    # Six joints: a pose has finitely many configurations, so many random seeds find them all.
     X_WT, _ = reachable(UR5, 40, seed=6)
     chosen = solve_ik(UR5, X_WT, seeds=UR5.home, choice="nearest")
     assert np.all(chosen.success)
@@ -178,8 +178,8 @@ def test_redundancy_is_used_for_what_is_chosen(tolerance):
     assert np.mean(nearest.found) > 4.0
 
 
-def test_the_chosen_posture_cannot_be_improved_within_the_pose():
-    # At the nearest posture the way to the seed has no part along the surface of postures, unless a limit holds.
+def test_the_chosen_configuration_cannot_be_improved_within_the_pose():
+    # At the nearest configuration the direction to the seed has no part along the surface, unless a limit holds.
     X_WT, _ = reachable(PANDA, 60, seed=9)
     q = solve_ik(PANDA, X_WT, choice="nearest").q
     free = np.all((q > PANDA.limits.lower + 1e-6) & (q < PANDA.limits.upper - 1e-6), axis=1)
@@ -233,7 +233,7 @@ def test_choices_give_the_same_bytes_again(choice):
 
 
 @pytest.mark.parametrize("choice", ["first", "nearest", "manipulability"])
-def test_a_solution_passes_the_collision_check_where_any_posture_does(choice):
+def test_a_solution_passes_the_collision_check_where_any_configuration_does(choice):
     X_WT, _ = reachable(PANDA, 100, seed=14)
 
     def clear(q):
@@ -249,7 +249,7 @@ def test_a_solution_passes_the_collision_check_where_any_posture_does(choice):
     assert np.count_nonzero(solutions.success) > np.count_nonzero(clear(plain.q)) + 5
 
 
-def test_a_pose_whose_every_posture_touches_something_is_in_collision():
+def test_a_pose_whose_every_configuration_touches_something_is_in_collision():
     X_WT, _ = reachable(PANDA, 20, seed=15)
     solutions = solve_ik(PANDA, X_WT, clear=lambda q: np.zeros(len(q), dtype=bool))
     assert np.all(solutions.status == IkStatus.COLLISION)
@@ -258,7 +258,7 @@ def test_a_pose_whose_every_posture_touches_something_is_in_collision():
 
 
 @pytest.mark.parametrize("name", ["panda", "iiwa"])
-def test_poses_of_postures_outside_the_limits_are_never_called_out_of_reach(name):
+def test_poses_of_configurations_outside_the_limits_are_never_called_out_of_reach(name):
     robot = load_robot(name)
     q = np.random.default_rng(16).uniform(-np.pi, np.pi, (300, robot.n))
     solutions = solve_ik(robot, robot.forward(q))

@@ -14,7 +14,7 @@ from optsc.ik.attempts import FIRST_STARTS, LIMIT_PROBES
 from optsc.ik.batch import CHOICE_STARTS, REASONS, RESTARTS, deviation
 from optsc.ik.choice import DISTINCT
 from optsc.kernels import build_kernel
-from optsc.kernels.search import AIM, FALL, ITERATIONS, PATIENCE, _iteration
+from optsc.kernels.search import AIM, FALL, ITERATIONS, PATIENCE, iteration
 from optsc.robot import load_robot
 
 PAGE = (Path(__file__).parents[2] / "docs" / "inverse-kinematics.md").read_text()
@@ -22,7 +22,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "inverse-kinematics.md").read_text(
 
 def test_a_step_is_the_damped_one_of_the_page():
     robot, rng = load_robot("panda"), np.random.default_rng(0)
-    iteration = build_kernel(_iteration(robot.chain, by_component=False))
+    kernel = build_kernel(iteration(robot.chain, by_component=False))
     W = np.diag([1.0] * 3 + [0.2**2] * 3)
     for _ in range(20):
         q, goal = robot.random_configuration(rng, (2,))
@@ -35,7 +35,7 @@ def test_a_step_is_the_damped_one_of_the_page():
         state = np.concatenate([q, [0.0, np.inf, 0.0, np.inf, 0.0]])
         target = np.concatenate([X_goal.quaternion, X_goal.translation, [1e-5]])
         free = np.repeat([-np.inf, np.inf], 7)
-        (after,) = iteration(state, target, free)
+        (after,) = kernel(state, target, free)
         np.testing.assert_allclose(after[:7] - q, step * min(1.0, 1.0 / np.abs(step).max()), atol=1e-9)
     assert "after 40 steps" in PAGE
     assert (ITERATIONS, FALL, PATIENCE) == (40, 0.9, 4)

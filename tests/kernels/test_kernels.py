@@ -11,6 +11,7 @@ import casadi
 import numpy as np
 import pytest
 
+from optsc.cli.kernel_comparison import compare_kernels
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.ik.arm import ReachBound
@@ -26,7 +27,6 @@ from optsc.kernels import (
 from optsc.kernels.newton import DAMPING, FLOOR, LENGTH
 from optsc.kernels.rollout import newton
 from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
-from optsc.robot.comparison import compare_kernels
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 
@@ -112,7 +112,7 @@ def test_one_step_along_a_line_is_the_damped_step_of_pinocchios_jacobian(robot):
         (there,) = step_kernel(np.r_[q, q, np.inf], goal, here, [1e-9], free)
         np.testing.assert_allclose(there[:n] - q, step, rtol=1e-6, atol=1e-7)
         assert there[2 * n] == pytest.approx(np.abs(e).max(), abs=1e-9)
-        # A posture that is at its target is on its way to the next one.
+        # A configuration that is at its target is on its way to the next one.
         (onward,) = step_kernel(np.r_[q, np.zeros(n), np.inf], here, goal, [1e-6], free)
         np.testing.assert_allclose(onward[:n], there[:n], atol=1e-9)
         assert np.array_equal(onward[n : 2 * n], q)
@@ -315,7 +315,7 @@ def test_the_kernels_rotation_vector_has_the_length_of_the_rotation(angle):
             np.testing.assert_allclose(found, angle * axis, atol=1e-14)
 
 
-def test_no_posture_is_out_of_reach(robot):
+def test_no_configuration_is_out_of_reach(robot):
     X_WT = robot.forward(robot.random_configuration(np.random.default_rng(5), (500,)))
     assert not ReachBound.of(robot).excludes(X_WT.quaternion, X_WT.translation).any()
 

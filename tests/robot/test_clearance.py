@@ -1,4 +1,4 @@
-"""Clearances of capsules: against the bodies themselves, and that they never call a posture clear that is not."""
+"""Clearances of capsules: against the bodies themselves, and that they never call a configuration clear that is not."""
 
 from functools import lru_cache
 
@@ -39,7 +39,7 @@ def scene_of(name, margin=0.0):
     return collisions(name).scene(BLOCKS, 0.0, margin)
 
 
-def postures(name, count, seed=0):
+def configurations(name, count, seed=0):
     return load_robot(name).random_configuration(np.random.default_rng(seed), (count,))
 
 
@@ -62,7 +62,7 @@ def test_capsules_are_where_pinocchio_puts_their_joints(name, hulls):
     robot = load_robot(name)
     capsules = link_capsules(robot, hulls)
     place, data = capsule_ends(robot.chain, capsules), robot.model.createData()
-    for q in postures(name, 10):
+    for q in configurations(name, 10):
         pinocchio.forwardKinematics(robot.model, data, q)
         frames = [data.oMi[int(joint) + 1] for joint in capsules.joint]
         expected = [np.r_[X.act(a), X.act(b)] for X, (a, b) in zip(frames, capsules.ends, strict=True)]
@@ -121,7 +121,7 @@ def exact(scene):
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_a_look_at_the_capsules_never_changes_what_the_exact_check_says(name):
-    q = postures(name, 400, seed=3)
+    q = configurations(name, 400, seed=3)
     touch = [("block", None, "post")[k % 3] for k in range(len(q))]
     for margin in (0.03, 0.0):
         quick, slow = scene_of(name, margin), exact(scene_of(name, margin))
@@ -134,8 +134,8 @@ def test_a_look_at_the_capsules_never_changes_what_the_exact_check_says(name):
 
 @pytest.mark.skipif(compiler() is None, reason="only compiled capsules are looked at first")
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_most_postures_that_are_clear_of_the_world_need_no_exact_check(name):
-    q = postures(name, 400, seed=4)
+def test_most_configurations_that_are_clear_of_the_world_need_no_exact_check(name):
+    q = configurations(name, 400, seed=4)
     scene = scene_of(name)
     world, own = scene._certainly_clear(q, np.full(len(q), ""))
     clear = scene.clear(q).clear
@@ -151,7 +151,7 @@ def test_a_clearance_is_never_more_than_the_distance_of_the_bodies(name):
     # What turns about the vertical alone is always at the same height over the table, and so is a shoulder.
     turning = {link_capsules(robot, True).link[k] for k in np.flatnonzero(level_ends(robot).any(axis=1))}
     tight = 0
-    for q in postures(name, 25, seed=5):
+    for q in configurations(name, 25, seed=5):
         found = scene.capsules.measure(q[None])
         full = arm.shapes.configurations(q[None])[0]
         pinocchio.updateGeometryPlacements(
@@ -176,7 +176,7 @@ def test_a_clearance_is_never_more_than_the_distance_of_the_bodies(name):
 
 
 def test_clearances_are_cut_off_at_the_horizon_and_agree_below_it():
-    q, scene = postures("panda", 60, seed=6), scene_of("panda")
+    q, scene = configurations("panda", 60, seed=6), scene_of("panda")
     near, far = scene.capsules.measure(q, None, 0.05), scene.capsules.measure(q, None, 0.2)
     for short, long in zip(near, far, strict=True):
         assert short.max() <= 0.05
@@ -184,7 +184,7 @@ def test_clearances_are_cut_off_at_the_horizon_and_agree_below_it():
 
 
 def test_what_the_hand_may_touch_is_not_in_its_way_but_in_that_of_the_arm():
-    scene, q = scene_of("panda"), postures("panda", 300, seed=7)
+    scene, q = scene_of("panda"), configurations("panda", 300, seed=7)
     allowed = scene.capsules.measure(q, np.full(len(q), "block"))
     asked = scene.capsules.measure(q)
     assert np.all(allowed.world >= asked.world)
@@ -202,8 +202,8 @@ def test_links_that_turn_about_the_vertical_alone_stay_at_their_height(name):
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_the_clearance_from_the_world_tells_postures_apart(name):
-    world = scene_of(name).capsules.measure(postures(name, 200, seed=8)).world
+def test_the_clearance_from_the_world_tells_configurations_apart(name):
+    world = scene_of(name).capsules.measure(configurations(name, 200, seed=8)).world
     assert np.ptp(world) > 0.1
 
 
@@ -218,21 +218,21 @@ def test_links_built_close_together_tell_nothing_and_touching_ones_are_left_to_t
         pairs = self_pairs(load_robot(name), collisions(name).capsule_pairs)
         assert len(pairs.telling) > 20
         assert not set(pairs.telling) & set(pairs.close)
-    assert self_pairs(load_robot("ur5"), collisions("ur5").capsule_pairs).touching
+    assert self_pairs(load_robot("ur5"), collisions("ur5").capsule_pairs).overlapping
     home = load_robot("panda").home
     assert scene_of("panda").capsules.measure(home[None]).own_close[0] > SAFE
 
 
 def test_a_scene_of_nothing_has_all_the_clearance_there_is():
     scene = collisions("panda").scene({}, None)
-    found = scene.capsules.measure(postures("panda", 5))
+    found = scene.capsules.measure(configurations("panda", 5))
     assert np.all(found.world == HORIZON)
     assert scene.capsules.measure(np.zeros((0, 7))).world.shape == (0,)
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 def test_interpreted_clearances_equal_compiled_ones(monkeypatch):
-    q = postures("panda", 40, seed=8)
+    q = configurations("panda", 40, seed=8)
     compiled = scene_of("panda").capsules.measure(q)
     monkeypatch.setenv("OPTSC_COMPILER", "none")
     fresh = CollisionModel(load_robot("panda"))

@@ -28,7 +28,7 @@ def box(x, y, z):
 
 
 def at_tool(model, p=(0.0, 0.0, 0.0)):
-    """A pose at the tool of the home posture, moved by p in the tool frame."""
+    """A pose at the tool of the home configuration, moved by p in the tool frame."""
     return model.robot.forward(model.robot.home) @ Pose.from_translation(p)
 
 
@@ -55,8 +55,8 @@ def lowest_points(model, q):
     moving = [k for k, g in enumerate(shapes.geometryObjects) if g.parentJoint != 0]
     corners = {k: vertices_of(shapes.geometryObjects[k].geometry) for k in moving}
     lowest = []
-    for posture in q:
-        opened = np.concatenate([posture, [0.04, 0.04]])
+    for configuration in q:
+        opened = np.concatenate([configuration, [0.04, 0.04]])
         pinocchio.updateGeometryPlacements(full, data, shapes, placed, opened)
         places = [(placed.oMg[k].rotation[2], placed.oMg[k].translation[2], corners[k]) for k in moving]
         lowest.append(min((v @ row).min() + z for row, z, v in places))
@@ -146,11 +146,11 @@ def test_the_hand_may_touch_what_it_grasps_and_nothing_else_and_the_arm_not_even
     assert scene.clear(home, hand_may_touch=targets).clear.tolist() == [True, False, False, True]
     wrist = model.scene({"cup": (cube, at_tool(model, (0.0, 0.0, -0.20)))})
     assert wrist.clear(home[:1], hand_may_touch=["cup"]).clear.tolist() == [False]
-    # A permission holds for its own posture only.
+    # A permission holds for its own configuration only.
     assert scene.clear(home[:1]).clear.tolist() == [False]
 
 
-def test_a_batch_gives_what_its_postures_give_one_by_one():
+def test_a_batch_gives_what_its_configurations_give_one_by_one():
     model = arm("ur5")
     rng = np.random.default_rng(2)
     cube = box(0.1, 0.1, 0.2)
@@ -214,7 +214,7 @@ def test_a_scene_that_makes_no_sense_is_refused(settings, field):
         arm().scene(**settings)
 
 
-def test_postures_that_make_no_sense_are_refused():
+def test_configurations_that_make_no_sense_are_refused():
     scene = arm().scene()
     with pytest.raises(InvalidValue, match="q"):
         scene.clear(np.full((1, 7), np.nan))

@@ -34,7 +34,7 @@ def model(name="panda"):
     return DistanceModel(load_robot(name), {"block": (cuboid(*SIZE), SOMEWHERE)})
 
 
-def postures(robot, count, seed=0):
+def configurations(robot, count, seed=0):
     return robot.random_configuration(np.random.default_rng(seed), (count,))
 
 
@@ -78,7 +78,7 @@ def test_capsules_hold_every_corner_of_their_link_wherever_the_jaws_stand(name):
     assert set(capsules.link) == set(CollisionModel(robot).links) - {"panda_rightfinger"}
     assert len(capsules.link) <= 24
     data = robot.model.createData()
-    for q, jaw in zip(postures(robot, 4), (0.0, 0.01, 0.025, 0.04), strict=True):
+    for q, jaw in zip(configurations(robot, 4), (0.0, 0.01, 0.025, 0.04), strict=True):
         exact.place(q, jaw)
         pinocchio.forwardKinematics(robot.model, data, q)
         frames = [data.oMi[int(joint) + 1] for joint in capsules.joint]
@@ -125,7 +125,7 @@ def test_distances_are_never_more_than_those_of_the_shapes_and_typically_not_muc
     index = {pair: [k for k, p in enumerate(distances.pairs) if p == pair] for pair in whole(distances)}
     assert len(index) >= 40
     short = []
-    for q in postures(robot, 12):
+    for q in configurations(robot, 12):
         exact.place(q)
         d = distances.distances(q)[0]
         for pair, rows in index.items():
@@ -141,7 +141,7 @@ def test_distances_are_never_more_than_those_of_the_shapes_and_typically_not_muc
 def test_gradients_equal_differences(name):
     robot, distances = load_robot(name), model(name)
     h = 1e-6
-    for q in postures(robot, 8):
+    for q in configurations(robot, 8):
         d, gradient = distances.distances(q)
         some = np.isfinite(d)
         ahead, back = ([distances.distances(q + s * e)[0][some] for e in np.eye(robot.n)] for s in (h, -h))
@@ -209,7 +209,7 @@ def test_rows_hold_all_that_can_matter_at_a_tick_and_nothing_else():
     distances.settings[2:] = 0.4, 3.0, 0.05, 0.1
     robot, rng = distances.robot, np.random.default_rng(3)
     met = 0
-    for q in postures(robot, 60):
+    for q in configurations(robot, 60):
         v = rng.uniform(-1, 1, robot.n) * robot.limits.velocity * rng.random()
         low, high = v - 0.02, v + 0.02
         rows = distances.rows(q, low, high, 1000)

@@ -74,7 +74,7 @@ def worst_hyperoctant(singularity, robot, q, J):
 
 
 def literal(measure, robot, q):
-    """M written down as in the books, for one posture."""
+    """M written down as in the books, for one configuration."""
     J = robot.jacobian(q).copy()
     if measure.singularity != "yoshikawa":
         J[3:] *= measure.length
@@ -156,7 +156,7 @@ def test_turning_an_endless_joint_changes_nothing(endless_arm):
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (0,), (3, 37)])
-def test_batches_keep_their_shape_and_equal_single_postures(shape):
+def test_batches_keep_their_shape_and_equal_single_configurations(shape):
     q = PANDA.random_configuration(np.random.default_rng(4), shape)
     for singularity in SINGULARITY:
         measure = Manipulability(singularity)
@@ -199,7 +199,7 @@ def test_limits_in_the_jacobian_count_nothing_in_the_middle_of_all_ranges(singul
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 @pytest.mark.parametrize("singularity", SINGULARITY)
-def test_a_singular_posture_has_no_manipulability_and_a_finite_gradient(name, singularity):
+def test_a_singular_configuration_has_no_manipulability_and_a_finite_gradient(name, singularity):
     robot, measure = load_robot(name), Manipulability(singularity, joint_limits="none")
     stretched = np.zeros(robot.n)
     assert 0.0 <= measure.evaluate(robot, stretched) < 1e-7
@@ -234,7 +234,7 @@ def test_unknown_definitions_are_refused_with_the_known_ones():
         Manipulability(k=float("nan"))
 
 
-def test_postures_that_are_none_are_refused():
+def test_configurations_that_are_none_are_refused():
     measure = Manipulability()
     with pytest.raises(InvalidValue):
         measure.evaluate(PANDA, np.zeros(6))

@@ -38,7 +38,7 @@ def test_the_jacobian_is_the_derivative_of_the_pose(robot):
         np.testing.assert_allclose(turn, J[3:, i], atol=1e-7)
 
 
-def test_poses_of_many_postures_equal_those_of_each(robot):
+def test_poses_of_many_configurations_equal_those_of_each(robot):
     q = robot.random_configuration(np.random.default_rng(1), (2, 3))
     X = robot.forward(q)
     assert X.shape == (2, 3)
