@@ -132,7 +132,7 @@ def reported_once(world, observation, mode, at):
         told.append(time)
         state = observation.first
         known = state.objects["can"]
-        moved = None if at is None else known.at(Pose.from_translation(at) @ known.X_WO)
+        moved = None if at is None else known.moved_to(Pose.from_translation(at) @ known.X_WO)
         return observation.update(state.without("can") if moved is None else state.with_object(moved))
 
     told, modes = [], []
