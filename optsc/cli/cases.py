@@ -1,4 +1,4 @@
-"""What the experiments with simulated people share: which cases there are, and where their rows are computed."""
+"""Options of studies with simulated people: which cases there are, and where their rows are computed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def cases_of(options: argparse.Namespace) -> Any:
 
 @contextmanager
 def kept_rows(options: argparse.Namespace) -> Iterator[None]:
-    """Say on an interrupt what is there and how to go on."""
+    """Say on an interrupt what is kept and how to continue."""
     try:
         yield
     except KeyboardInterrupt:

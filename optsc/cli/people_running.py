@@ -1,4 +1,4 @@
-"""What happens at the terminal while a participant does trials."""
+"""Trials of a participant at the terminal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optsc.study.participants.workload import Workload, ask_workload
 def run_trials(
     plan: StudyPlan, session: ParticipantSession, hand: HandSource, options: argparse.Namespace
 ) -> int:
-    """Carry out what the options of ``optsc study people run`` ask for, and return the exit code."""
+    """Do what the options of ``optsc study people run`` ask for, and return the exit code."""
     remaining = session.remaining
     if options.trials is not None and options.trials < 1:
         raise InvalidValue("--trials", options.trials, "1 or more")

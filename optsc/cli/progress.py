@@ -26,10 +26,10 @@ def counted_progress() -> Callable[[str, int, int], None]:
     show, began = _line(), [time.monotonic()]
 
     def count(name: str, done: int, total: int) -> None:
-        gone = time.monotonic() - began[0]
-        left = f", {clock(gone * (total - done) / done)} left" if 0 < done < total else ""
+        elapsed = time.monotonic() - began[0]
+        left = f", {clock(elapsed * (total - done) / done)} left" if 0 < done < total else ""
         if total > 1:  # a single step is a set that was there already
-            show(f"{name}: {done} of {total}, {clock(gone)} gone{left}", done >= total)
+            show(f"{name}: {done} of {total}, {clock(elapsed)} gone{left}", done >= total)
         if done >= total:
             began[0] = time.monotonic()
 

@@ -18,8 +18,8 @@ DEFAULT_VARIED = (
     "weight.joint-travel=0:1",
 )
 DEFAULTS = {"count": 1000, "levels": 5, "base": (), "objectives": ()}
-"""Of options that only some designs look at; None on the command line tells that they were not given."""
-LOOKS_AT = {
+"""Of options that only some designs use; None on the command line tells that they were not given."""
+USED_BY = {
     "grid": ("levels",),
     "random": ("count",),
     "sobol": ("count",),
@@ -27,7 +27,7 @@ LOOKS_AT = {
     "one-at-a-time": ("levels", "base"),
     "--tune": ("count", "objectives"),
 }
-"""Which of them each design looks at."""
+"""Which of them each design uses."""
 
 
 class _Help(argparse.Action):
@@ -141,20 +141,20 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Put defaults in; raise where an option has a value it cannot have, or would not be looked at."""
+    """Put defaults in; raise where an option has a value it cannot have, or would not be used."""
     from optsc.errors import UnknownName
 
     if options.tune and options.design is not None:
         raise InvalidValue("--design", options.design, "left out with --tune, which proposes its own points")
     options.design = options.design or "sobol"
     mode = "--tune" if options.tune else options.design
-    if mode not in LOOKS_AT:
-        raise UnknownName("design", mode, [name for name in LOOKS_AT if name != "--tune"])
+    if mode not in USED_BY:
+        raise UnknownName("design", mode, [name for name in USED_BY if name != "--tune"])
     for name, default in DEFAULTS.items():
         if getattr(options, name) is None:
             setattr(options, name, default)
-        elif name not in LOOKS_AT[mode]:
-            others = ", ".join(other for other, names in LOOKS_AT.items() if name in names)
+        elif name not in USED_BY[mode]:
+            others = ", ".join(other for other, names in USED_BY.items() if name in names)
             raise InvalidValue(f"--{name} with {mode}", getattr(options, name), f"only with {others}")
     lowest = {"count": 1, "levels": 1 if mode == "simplex" else 2, "stability": 0}
     for name, least in lowest.items():

@@ -12,7 +12,7 @@ from optsc.followers.protocol import Follower, FollowerState
 from optsc.geometry import Pose
 
 CATCH_UP_LIMIT = 0.1
-"""A simulation that has fallen behind by more than this [s] goes on from there: an arm that catches up races."""
+"""A simulation that has fallen behind by more than this [s] continues from there: an arm that catches up would race."""
 
 
 class PacedFollower:
@@ -20,7 +20,7 @@ class PacedFollower:
 
     Args:
         follower: the simulated one; it is closed with this one.
-        clock: tells the time [s].
+        clock: returns the time [s].
         sleep: waits for a time [s].
     """
 
@@ -45,7 +45,7 @@ class PacedFollower:
         return self.follower.reset(q)
 
     def apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
-        """Follow a command, and return when the clock has come to its end."""
+        """Follow a command, and return when its period is over."""
         if self._origin is None:
             self._origin = self._clock() - self.follower.state().time
         state = self.follower.apply(q, v, opening, period)

@@ -12,11 +12,11 @@ from optsc.operators.sample import Operator, OperatorSample, OperatorView
 class LiveHand:
     """An `Operator` whose samples were stamped on the computer's clock, as a device's thread does it.
 
-    A run has a clock of its own that begins at 0; a sample gets the time on it that is as long ago as its stamp is on
+    The clock of a run begins at 0; a sample gets the time on it that is as long ago as its stamp is on
     the computer's. Stamps never go back, whatever the two clocks do.
 
     Args:
-        source: hands in the samples, such as `optsc.operators.Mailbox`.
+        source: of the samples, such as `optsc.operators.Mailbox`.
         clock: that the samples are stamped on [s].
     """
 

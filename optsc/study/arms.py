@@ -1,4 +1,4 @@
-"""Arms of a study: those of the catalogue by name, any other as a value that knows its description's content."""
+"""Arms of a study: those of the catalogue by name, any other as a value with the hash of its description."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Arm:
         urdf: path of the description, its gripper included.
         tip: the tool frame T, see `optsc.robot.Gripper`.
         gripper: the jaws at the tip.
-        home: the posture (n,) [rad] at which episodes begin; by default the middle of the limits.
+        home: the configuration (n,) [rad] at which episodes begin; by default the middle of the limits.
         limits: limits that replace the file's, see `optsc.robot.model_from_urdf`.
         file_hash: SHA-256 of the description; meshes that it refers to are not in it.
         key: hash of all of this but the path.

@@ -116,13 +116,15 @@ class Cases(Checked):
     def jobs(self, conditions: Sequence[Condition]) -> list[Job[Condition]]:
         """Return the jobs that try all ``conditions``, rules that choose a grasp, on all cases.
 
-        Raises `InvalidValue` for people who step in on the way: what they do depends on the target, so conditions
-        could not share their work. `policy_jobs` takes them.
+        Raises `InvalidValue` for people who step in during the motion: what they do depends on the target, so that
+        conditions could not share their work. `policy_jobs` takes them.
         """
         for kind in self.people:
             if OperatorSpec(kind).steps_in:
                 valid = [name for name in TYPES if not OperatorSpec(name).steps_in]
-                raise InvalidValue("people", kind, f"those who do not step in on the way: {', '.join(valid)}")
+                raise InvalidValue(
+                    "people", kind, f"those who do not step in during the motion: {', '.join(valid)}"
+                )
         return self.policy_jobs(conditions)
 
     def policy_jobs(self, conditions: Sequence[C]) -> list[Job[C]]:

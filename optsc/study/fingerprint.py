@@ -96,7 +96,7 @@ def fingerprint(value: Any) -> str:
 def name_of(thing: Coded | BuiltinFunctionType) -> str:
     """Return module and qualified name; the script that was started is called the same in its worker processes."""
     module = thing.__module__ or ""
-    # Processes that are started afresh import the script under a name of their own.
+    # Spawned processes import the script under another name.
     return f"{_MAIN if module == '__mp_main__' else module}.{thing.__qualname__}"
 
 
@@ -104,8 +104,8 @@ def code_fingerprints(thing: Coded) -> dict[str, str]:
     """Return a fingerprint by name of everything outside of this library that ``thing`` is made of; often nothing.
 
     For a class these are the class and its bases. A fingerprint is of the source, of the compiled code where there is
-    none, and of what the code names in its own package: functions, classes, and constants made of numbers, words,
-    arrays and collections of them. What it takes from other packages, and objects of other kinds, is not looked at.
+    none, and of what the code names in its package: functions, classes, and constants made of numbers, words,
+    arrays and collections of them. What it takes from other packages, and objects of other kinds, are not part of it.
     """
     things = [thing] if isinstance(thing, FunctionType) else list(thing.__mro__)
     return {name_of(t): _hash_of_code(t, _root(t)) for t in things if _root(t) not in _KNOWN}
@@ -152,7 +152,7 @@ def _functions(thing: Any) -> Iterator[FunctionType]:
             yield from _functions(part)
     elif isinstance(thing, type):
         for _, part in sorted(vars(thing).items()):
-            # What is inherited or only referred to is looked at where it belongs.
+            # What is inherited or only referred to is collected where it is defined.
             yield from _functions(getattr(part, "func", part) if not isinstance(part, type) else None)
 
 

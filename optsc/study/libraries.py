@@ -47,7 +47,7 @@ def _sampled(gripper: Gripper, model: ObjectModel) -> GraspSet:
 
 @lru_cache(maxsize=8)
 def _stored(gripper: Gripper, directory: Path, state: tuple[tuple[str, int, int], ...]) -> GraspLibrary:
-    """Return the library in ``directory``, read anew whenever the ``state`` of its files is another."""
+    """Return the library in ``directory``, read again whenever the ``state`` of its files has changed."""
     return GraspLibrary.load(directory, gripper)
 
 

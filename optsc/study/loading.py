@@ -1,4 +1,4 @@
-"""Things of one's own for a study, named on a command line: ``FILE.py:NAME`` or ``MODULE:NAME``."""
+"""User-defined things by name, as on a command line: ``FILE.py:NAME`` or ``MODULE:NAME``."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def load_named(text: str) -> Any:
         raise DamagedFile(place, f"cannot be loaded ({error})") from None
     content = vars(module)
     if name not in content:
-        own = [n for n, item in content.items() if callable(item) and n[0] != "_"]
-        raise UnknownName(f"thing in {place}", name, own)
+        there = [n for n, item in content.items() if callable(item) and n[0] != "_"]
+        raise UnknownName(f"thing in {place}", name, there)
     return content[name]
 
 
@@ -39,9 +39,9 @@ def absolute(text: str) -> str:
 
 
 def _of_file(path: Path) -> ModuleType:
-    """Import a file under a name that its content gives, so that no other file and no older version is in the way.
+    """Import a file under a name that its content gives, so that it collides with no other file and no older version.
 
-    It has to be among the imported modules, as dataclasses and whoever reads a class's source look for it there.
+    It has to be among the imported modules, where dataclasses and `inspect` look for it.
     """
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
     name = f"own_{path.stem}_{digest}"

@@ -19,11 +19,11 @@ from optsc.study.arms import Arm, arm
 from optsc.study.fingerprint import fingerprint
 
 DRAWS = 24
-"""Arrangements among which one of the wanted difficulty is looked for."""
+"""Arrangements that are drawn to find one of the wanted difficulty."""
 TIGHT, WIDE = (0.14, 0.035), (0.20, 0.10)
 """Spacing and gap [m] of the tightest and the widest arrangements, see `optsc.sim.tabletop`."""
 PROBES = 24
-"""Grasps of an object that tell how near to joint limits it has to be grasped."""
+"""Grasps of an object by which its nearness to joint limits is measured."""
 
 
 @dataclass(frozen=True)
@@ -122,10 +122,10 @@ class Scene:
     def hash(self) -> str:
         """Hash of what is there: the arm, the objects with their surfaces and places, and the goal.
 
-        Neither seed nor level are in it: the same scene found on two ways is the same scene.
+        Neither seed nor level are in it: the same scene drawn twice is the same scene.
         """
-        own = {model.name: _content(model) for model in self.models if model.name in self.objects}
-        surfaces = [own.get(name) or object_model(name).mesh.hash for name in self.objects]
+        given = {model.name: _content(model) for model in self.models if model.name in self.objects}
+        surfaces = [given.get(name) or object_model(name).mesh.hash for name in self.objects]
         robot = self.robot if self.arm is None else self.arm.key
         return fingerprint(["scene", robot, self.objects, surfaces, self.places, self.goal])
 
@@ -135,8 +135,8 @@ class Scene:
 
     def object_models(self) -> dict[str, ObjectModel]:
         """Return what the objects are, in order, the same object for the same content."""
-        own = {model.name: _kept(_Content(_content(model), model)) for model in self.models}
-        return {name: own.get(name) or object_model(name) for name in self.objects}
+        given = {model.name: _kept(_Content(_content(model), model)) for model in self.models}
+        return {name: given.get(name) or object_model(name) for name in self.objects}
 
     def world(self) -> Tabletop:
         """Return the arm and the objects in their places."""
@@ -184,7 +184,7 @@ class _Content:
 
 @lru_cache(maxsize=64)
 def _kept(content: _Content) -> ObjectModel:
-    """Return the first object of that content, so that what is kept for it survives a way to another process."""
+    """Return the first object of that content, so that what is kept for it survives being sent to another process."""
     return content.model
 
 
@@ -204,9 +204,9 @@ def random_scene(
     """Return a scene of ``seed``; the same arguments give the same scene.
 
     Args:
-        robot: name of an arm in the catalogue, or one of one's own.
+        robot: name of an arm in the catalogue, or a user-defined one.
         seed: of objects, places and goal.
-        objects: how many of the catalogue to draw; or which, by name or as models of one's own.
+        objects: how many of the catalogue to draw; or which, by name or as user-defined models.
         level: one of `LEVELS`. A graded scene is, of `DRAWS` arrangements, the one whose `grade` lies nearest to the
             wanted quantiles among them.
 
@@ -295,10 +295,16 @@ def _arranged(
         world = tabletop(arm(robot), chosen, draw)
     names = tuple(world.objects)
     places = tuple(_place(world.X_WO[name]) for name in names)
-    own = robot if isinstance(robot, Arm) else None
+    given = robot if isinstance(robot, Arm) else None
     models = tuple(entry for entry in chosen if isinstance(entry, ObjectModel))
     return Scene(
-        str(robot) if own is None else own.name, names, places, names[goal], int(seed), arm=own, models=models
+        str(robot) if given is None else given.name,
+        names,
+        places,
+        names[goal],
+        int(seed),
+        arm=given,
+        models=models,
     )
 
 

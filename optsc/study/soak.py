@@ -1,7 +1,7 @@
-"""A soak: hostile input to the servo over random arms, rates and starts, and every command checked against the limits.
+"""Soak test of the servo: hostile input over random arms, rates and starts, every command checked against the limits.
 
-Each episode draws its arm, rate, settings, start and streams of targets from a generator of its own, seeded by the
-soak's seed and the episode's number, so that any one of them can be run again alone.
+Each episode draws its arm, rate, settings, start and streams of targets from a random generator seeded by
+the seed of the test and the number of the episode, so that each can be repeated alone.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from optsc.robot import ROBOT_NAMES, RobotModel, load_robot
 EPISODE_TICKS = (200, 2000)
 """Fewest and most ticks of an episode."""
 STREAM_TICKS = (20, 300)
-"""Fewest and most ticks for which one kind of input goes on."""
+"""Fewest and most ticks for which one kind of input lasts."""
 RATES = (100.0, 1000.0)
 """Least and greatest control rate [Hz]."""
 OUTSIDE = 0.3
@@ -193,8 +193,8 @@ def _silent(rng: np.random.Generator, servo: Servo, X: Pose) -> Iterator[Input]:
 
 def _rarely(rng: np.random.Generator, servo: Servo, X: Pose) -> Iterator[Input]:
     while True:
-        fresh = rng.random() < 0.03
-        yield (Pose(X.quaternion, X.translation + 0.1 * rng.normal(size=3)) if fresh else None), None
+        new = rng.random() < 0.03
+        yield (Pose(X.quaternion, X.translation + 0.1 * rng.normal(size=3)) if new else None), None
 
 
 STREAMS: dict[str, Stream] = {
@@ -214,7 +214,7 @@ STREAMS: dict[str, Stream] = {
 
 
 class _Start(NamedTuple):
-    """Posture and velocity (n,) that an episode starts from, and whether that is inside the limits, at rest."""
+    """Configuration and velocity (n,) that an episode starts from, and whether that is inside the limits, at rest."""
 
     q: Array
     v: Array
@@ -230,7 +230,7 @@ def _start(rng: np.random.Generator, robot: RobotModel) -> _Start:
         )
         q = np.clip(q, lower - OUTSIDE, upper + OUTSIDE)
     elif kind < 0.4:
-        # A moving start may have no way to stop in time, so its position limits are not asked for.
+        # A moving start may be unable to stop in time, so its position limits are not checked.
         v = rng.uniform(-1.0, 1.0, robot.n) * robot.limits.velocity
     elif kind < 0.5:
         q = np.where(rng.random(robot.n) < 0.5, robot.limits.clip(np.sign(q) * 1e3), q)

@@ -1,4 +1,4 @@
-"""How firmly a ranking stands: what becomes of it when weights are a little different."""
+"""Stability of rankings: how much they change when weights are a little different."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people's trials add up to: means of each participant, and differences within participants.
+"""Analysis of trials: means of each participant, and differences within participants.
 
 The participant is the unit: a person counts once, however many trials there were. A trial that failed has no time to
 the grasp, so that everything but success and workload is compared in those scenes in which a participant succeeded
@@ -54,11 +54,11 @@ def tidy(plan: StudyPlan, rows: Sequence[Row]) -> list[Row]:
     """Return what `optsc.study.participants.collect` gave, with the place of each condition in its participant's order.
 
     Raises:
-        Mismatch: a trial was carried out by another plan.
+        Mismatch: a trial is of another plan.
         InvalidValue: there is none, or one of somebody who is not in the plan.
     """
     if not rows:
-        raise InvalidValue("trials that are done", 0, "1 or more; `optsc study people run` carries them out")
+        raise InvalidValue("trials that are done", 0, "1 or more; `optsc study people run` executes them")
     listed = []
     for row in rows:
         trial = f"trial of subject {row['participant']}, {row['condition']}, run {row['run']}"

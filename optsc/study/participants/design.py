@@ -1,4 +1,4 @@
-"""The design of a study with people: conditions in counterbalanced order, practice, trials, scenes."""
+"""Study design: conditions in counterbalanced order (Williams designs), practice, trials, scenes."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class StudyDesign(Checked):
 
     Attributes:
         name: of the study.
-        conditions: their names, in any order; what they mean is the caller's business.
+        conditions: their names, in any order; what they mean is up to the caller.
         trials: that count, for each condition.
         practice: trials before those, for each condition.
         time_limit: of a trial [s].
@@ -106,7 +106,7 @@ class StudyDesign(Checked):
         """Return all a participant does, in order.
 
         The trials that count have the same scenes under every condition, so that differences can be paired, in an order
-        that is drawn for each block, so that it cannot be learnt. Practice has scenes of its own.
+        that is drawn for each block, so that it cannot be learnt. Practice has other scenes.
         """
         return tuple(self._block(participant, condition) for condition in self.order(participant))
 

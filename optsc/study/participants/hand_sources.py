@@ -1,4 +1,4 @@
-"""Where the hand comes from in a trial: a simulated person, a recording, or a device behind a function of one's own."""
+"""Hand sources of trials: a simulated person, a recording, or a device behind a user-defined function."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ RECORDING, LIVE = "recording", "live"
 
 
 class TrialContext(NamedTuple):
-    """What a hand is made for.
+    """The trial that a hand is for.
 
     Attributes:
-        trial: that it does.
-        scene: in which it does it; `Scene.goal` is the object to be grasped.
+        trial: the planned trial.
+        scene: of the trial; `Scene.goal` is the object to be grasped.
         by_hand: whether the trigger closes the jaws, instead of handing over to the robot.
     """
 
@@ -34,11 +34,11 @@ class TrialContext(NamedTuple):
 
 @dataclass(frozen=True)
 class HandSource:
-    """Where hands come from.
+    """Where the hands of trials come from.
 
     Attributes:
         kind: for tables: a kind of simulated person, ``recording`` or ``live``.
-        operator: makes a fresh one for a trial.
+        operator: makes a new one for each trial.
     """
 
     kind: str
@@ -57,7 +57,7 @@ def hand_source(text: str) -> HandSource:
       the same person with the same tremor meets every condition;
     * ``FILE.csv``: a recorded hand, the same in every trial, see `optsc.operators.HandRecording.from_csv`;
     * a folder: of recorded hands, named ``subject_XX_cond_YY_run_ZZ_hand.csv``;
-    * ``FILE.py:FUNCTION`` or ``MODULE:FUNCTION``: whatever ``FUNCTION(situation)`` returns, an `Operator`.
+    * ``FILE.py:FUNCTION`` or ``MODULE:FUNCTION``: whatever ``FUNCTION(context)`` returns, an `Operator`.
 
     Raises:
         UnknownName: it is none of them.
@@ -69,12 +69,10 @@ def hand_source(text: str) -> HandSource:
         return HandSource(LIVE, _hook(text))
     path = Path(text)
     if path.is_dir():
-        return HandSource(
-            RECORDING, lambda situation: _played(path / situation.trial.file_name("hand", "csv"))
-        )
+        return HandSource(RECORDING, lambda context: _played(path / context.trial.file_name("hand", "csv")))
     if path.suffix == ".csv":
         _played(path)
-        return HandSource(RECORDING, lambda situation: _played(path))
+        return HandSource(RECORDING, lambda context: _played(path))
     raise UnknownName("operator", text, [*TYPES, "FILE.csv", "FOLDER", "FILE.py:FUNCTION", "MODULE:FUNCTION"])
 
 
@@ -82,15 +80,15 @@ def simulated(kind: str) -> HandSource:
     """Return simulated people of a kind; raise `UnknownName`."""
     OperatorSpec(kind)
 
-    def operator(situation: TrialContext) -> Operator:
-        trial, scene, by_hand = situation
+    def operator(context: TrialContext) -> Operator:
+        trial, scene, by_hand = context
         return OperatorSpec(kind, trial.scene_seed).operator(scene.goal, scene.objects, by_hand=by_hand)
 
     return HandSource(kind, operator)
 
 
 def device(operator: Callable[[TrialContext], Operator]) -> HandSource:
-    """Return a person of flesh and blood, whose device ``operator`` makes ready for a trial."""
+    """Return a human participant, whose device ``operator`` makes ready for a trial."""
     return HandSource(LIVE, operator)
 
 
@@ -106,8 +104,8 @@ def _hook(text: str) -> Callable[[TrialContext], Operator]:
     if not callable(function):
         raise InvalidValue(text, function, "a function that returns an operator")
 
-    def operator(situation: TrialContext) -> Operator:
-        made = function(situation)
+    def operator(context: TrialContext) -> Operator:
+        made = function(context)
         if not callable(getattr(made, "read", None)):
             raise InvalidValue(f"what {text} returned", made, "an operator: something with read(view)")
         return made

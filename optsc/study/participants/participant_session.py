@@ -1,4 +1,4 @@
-"""A participant's session: goes through the blocks, keeps every result, and goes on where it was interrupted."""
+"""Session of a participant: runs block by block, keeps every result, and resumes where it was interrupted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DESIGN_FILE = "design.json"
 
 
 class TrialResult(NamedTuple):
-    """What came of a trial: its run, whether the task was done, and measures for the table (JSON values)."""
+    """Result of a trial: its run, whether the task was done, and measures for the table (JSON values)."""
 
     run: Run
     success: bool
@@ -27,7 +27,7 @@ class TrialResult(NamedTuple):
 
 
 RunTrial = Callable[[PlannedTrial, float], TrialResult]
-"""Carries out a trial within a time limit [s]."""
+"""Executes a trial within a time limit [s]."""
 
 
 class ParticipantSession:
@@ -100,7 +100,7 @@ class ParticipantSession:
         return row
 
     def execute(self, trial: PlannedTrial, run_trial: RunTrial) -> TrialResult:
-        """Carry out a trial, keep what came of it, and return that."""
+        """Execute a trial, keep its result, and return it."""
         result = run_trial(trial, self.design.time_limit)
         result.run.save(self.directory / trial.file_name("run", "npz"))
         row = {**trial._asdict(), "success": result.success, **result.measures}
@@ -139,7 +139,7 @@ class ParticipantSession:
         ask: Callable[[Block], Workload],
         say: Callable[[str], None] = print,
     ) -> None:
-        """Carry out what remains, block by block; ``ask`` hands in the answers at the end of each.
+        """Execute what remains, block by block; ``ask`` returns the answers at the end of each.
 
         An exception, such as a keyboard interrupt, leaves everything up to the last whole trial in its place.
         """

@@ -1,4 +1,4 @@
-"""The plan of a study with people: its design, its scenes and its arm, in one file that says what everybody does."""
+"""Study plan: design, scenes and arm of a study with participants, in one file with every trial of everybody."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class StudyPlan(Checked):
         robot: name of an arm in the catalogue.
         objects: how many lie in a scene.
         level: difficulty of the scenes, one of `optsc.study.scenes.LEVELS`.
-        follower: ``ideal``, an arm that is where it was told to be, or ``pybullet``, one in a simulated world.
+        follower: ``ideal``, an arm that is where it was commanded to be, or ``pybullet``, one in a simulated world.
         rate: control rate [Hz].
 
     Raises:
@@ -81,7 +81,7 @@ class StudyPlan(Checked):
     def save(self, directory: Path) -> Path:
         """Write the plan, with every trial of every participant, and return its file.
 
-        A plan that is there already may only gain participants: trials that were carried out are of that plan.
+        A plan that is there already may only gain participants: trials that were done are of that plan.
 
         Raises:
             InvalidValue: another plan is there.
@@ -109,15 +109,16 @@ class StudyPlan(Checked):
             content = json.loads(path.read_text(encoding="utf-8"))
             if content["format"] != FORMAT:
                 raise DamagedFile(path, f"has format {content['format']!r}, and this version reads {FORMAT}")
-            own = {field.name: content["plan"][field.name] for field in fields(cls)}
-            plan = cls(**{**own, "design": StudyDesign(**own["design"])})
+            settings = {field.name: content["plan"][field.name] for field in fields(cls)}
+            plan = cls(**{**settings, "design": StudyDesign(**settings["design"])})
         except (OSError, ValueError, KeyError, TypeError) as error:
             if isinstance(error, InvalidValue):
                 raise
             raise DamagedFile(path, f"is no plan of a study ({error})") from None
         if content.get("sittings") != plan._content()["sittings"]:
             raise DamagedFile(
-                path, "lists other trials than its settings give: it was changed by hand; plan anew elsewhere"
+                path,
+                "lists other trials than its settings give: it was changed by hand; plan again in another folder",
             )
         return plan
 

@@ -1,4 +1,4 @@
-"""The report on a study with people: means, workload, differences within participants, and who is still to come."""
+"""Report of a study with participants: means, workload, differences within participants, who is still to come."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def build(
     report = Report(
         f"Study with people: {plan.design.name}",
         "Every participant meets every condition, in counterbalanced order and in the same scenes. Success is a grasp "
-        "of the object that was wanted; times and ways count up to the moment at which the jaws begin to close. "
+        "of the object that was wanted; times and paths count up to the moment at which the jaws begin to close. "
         "Practice is left out. The participant is the unit: means and differences are of participants.",
     )
     report.add("How it was made", Code(command), *_facts(plan, rows), _progress(done))
@@ -144,7 +144,7 @@ def _facts(plan: StudyPlan, rows: Sequence[Row]) -> list[str]:
         facts.append(f"Settings of the policy changed during the study: {', '.join(changed)}.")
     if len({row["operator"] for row in rows}) > 1:
         facts.append(
-            "Hands of more than one kind are in these numbers; rehearsals belong in a folder of their own."
+            "Hands of more than one kind are in these numbers; rehearsals belong into another folder."
         )
     people = {row["participant"] for row in rows}
     if len(people) < FEW:

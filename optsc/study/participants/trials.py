@@ -1,4 +1,4 @@
-"""A trial with a person: their hand, the policy under test, the scene, and what came of it."""
+"""Trials of a study with participants: the hand, the policy under test, the scene, and the measures."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def trial_runner(
     gui: bool = False,
     on_tick: Callable[[Tick], None] | None = None,
 ) -> RunTrial:
-    """Return what carries out the trials of ``plan``, for `optsc.study.participants.ParticipantSession`.
+    """Return what executes the trials of ``plan``, for `optsc.study.participants.ParticipantSession`.
 
     Measures of a trial are those of the study of arbitration policies (`optsc.study.arbitration.REPORTED`): success is
-    a grasp of the wanted object, and times and ways count up to the moment at which the jaws begin to close. Besides
+    a grasp of the wanted object, and times and paths count up to the moment at which the jaws begin to close. Besides
     them the row says what it was: the plan, the scene and its goal, and whose hand it was.
 
     Args:
@@ -50,10 +50,10 @@ def trial_runner(
             "--gui", f"with the follower {plan.follower!r}", "with a plan whose follower is pybullet"
         )
     paced = real_time or hand.live
-    return partial(_carry_out, plan, hand, paced, gui, on_tick)
+    return partial(_execute, plan, hand, paced, gui, on_tick)
 
 
-def _carry_out(
+def _execute(
     plan: StudyPlan,
     hand: HandSource,
     paced: bool,
@@ -62,22 +62,22 @@ def _carry_out(
     trial: PlannedTrial,
     time_limit: float,
 ) -> TrialResult:
-    stage = EpisodeSetup(plan.scene(trial), plan.settings)
+    setup = EpisodeSetup(plan.scene(trial), plan.settings)
     policy = make_policy(trial.condition)
-    situation = TrialContext(trial, stage.scene, policy.trigger is Trigger.GRASPS)
-    labels = _labels(plan, stage, policy, hand)
+    context = TrialContext(trial, setup.scene, policy.trigger is Trigger.GRASPS)
+    labels = _labels(plan, setup, policy, hand)
     about = {**trial._asdict(), "operator": hand.kind}
-    with stage.follower(gui=gui) as simulated:
+    with setup.follower(gui=gui) as simulated:
         follower: Follower = PacedFollower(simulated) if paced else simulated
-        operator = hand.operator(situation)
-        ticks = play(stage, policy, operator, follower, duration=time_limit, about=about, on_tick=on_tick)
+        operator = hand.operator(context)
+        ticks = play(setup, policy, operator, follower, duration=time_limit, about=about, on_tick=on_tick)
         if isinstance(follower, PacedFollower):
             labels["time_lost_s"] = follower.lost
-    row = outcome(stage, ticks)
+    row = outcome(setup, ticks)
     return TrialResult(ticks, bool(row.pop("success")), {**labels, **row})
 
 
-def _labels(plan: StudyPlan, stage: EpisodeSetup, policy: Arbitration, hand: HandSource) -> dict[str, Any]:
+def _labels(plan: StudyPlan, setup: EpisodeSetup, policy: Arbitration, hand: HandSource) -> dict[str, Any]:
     facts = {
         "study": plan.design.name,
         "plan": plan.key,
@@ -85,11 +85,10 @@ def _labels(plan: StudyPlan, stage: EpisodeSetup, policy: Arbitration, hand: Han
         "robot": plan.robot,
         "level": plan.level,
         "follower": plan.follower,
-        "scene": stage.scene.hash,
-        "goal": stage.scene.goal,
+        "scene": setup.scene.hash,
+        "goal": setup.scene.goal,
         "operator": hand.kind,
     }
-    # Rehearsals repeat to the byte; when a person was there is worth knowing.
-    return (
-        {**facts, "began": datetime.now(timezone.utc).isoformat(timespec="seconds")} if hand.live else facts
-    )
+    if hand.live:  # rehearsals repeat to the byte
+        facts["began"] = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    return facts

@@ -19,7 +19,7 @@ SCALES = MappingProxyType(
         "frustration": ("Frustration: how irritated and discouraged were you?", "low", "high"),
     }
 )
-"""Per scale a question (wording ours, after S. Hart, L. Staveland, "Development of NASA-TLX", 1988) and both ends."""
+"""For each scale a question and both ends; worded here after S. Hart, L. Staveland, "Development of NASA-TLX", 1988."""
 
 
 class Workload(NamedTuple):

@@ -1,16 +1,16 @@
-"""What a sweep varies: named dimensions, the points of a design among them, and the condition that a point stands for.
+"""Search space of a sweep: named dimensions, and the condition that a point among them stands for.
 
 Names of dimensions, and what they set:
 
 * ``weight.COST``: weight of a cost in a weighted sum, in units of one over the cost's typical spread (`SCALES`), so
   that weights of one make the costs count alike. Costs are those of `COSTS`.
 * ``keep.orientation``, ``keep.position``: how many grasps the stages of the paper's cascade keep.
-* ``keep.pose``: how many a first stage by weighted pose distance keeps, in place of those two.
+* ``keep.pose``: how many a first stage by weighted pose distance keeps, instead of those two.
 * ``dof.x``, ``dof.y``, ``dof.z``, ``dof.rx``, ``dof.ry``, ``dof.rz``: weights of the pose distance in the gripper's
   frame; ``dof.length``: metres that a radian counts for in it.
 * ``measure``: name of the definition of M; part of every setting, whatever its rule.
 
-A dimension that the rule of a point would not look at is refused, see `rule_of`.
+A dimension that has no effect on the rule of a point is refused, see `rule_of`.
 """
 
 from __future__ import annotations
@@ -49,14 +49,15 @@ SCALES: Mapping[str, float] = MappingProxyType(
 )
 """Typical spread of each cost over the grasps of an object, in its unit.
 
-Ours: interquartile ranges over all reachable grasps of the wanted object at the hand-over, ten random scenes of a Panda
-taken together (``scene_set(("panda",), 10, 1)``). The first five are rounder than that: 0.34, 0.09, 0.07, 0.11, 0.73.
+Tuned here: interquartile ranges over all reachable grasps of the wanted object at the hand-over, in ten random
+scenes of a Panda (``scene_set(("panda",), 10, 1)``). The first five are rounded from
+0.34, 0.09, 0.07, 0.11 and 0.73.
 """
 WHOLE = ("keep.orientation", "keep.position", "keep.pose")
 """Dimensions that count grasps: whole numbers from one."""
 DOFS = ("x", "y", "z", "rx", "ry", "rz")
 DIGITS = 9
-"""Significant digits of a point's numbers, so that keys do not hang on the last one."""
+"""Significant digits of a point's numbers, so that keys do not depend on the last one."""
 
 
 def _slug(cost: GraspCost | type[GraspCost]) -> str:
@@ -146,7 +147,7 @@ class Dimension(Checked):
             raise InvalidValue(f"range of {name}", rest, f"numbers ({error})") from None
 
     def at(self, share: float) -> Any:
-        """Return the value at ``share`` in [0, 1] of the way through the range or the list."""
+        """Return the value at ``share`` in [0, 1] of the range or the list."""
         if self.values:
             return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
         if self.kind == "log":
@@ -197,13 +198,13 @@ def rule_of(point: Point) -> Rule:
     """Return the rule that a point stands for: a weighted sum if it has weights, else a cascade.
 
     Raises `UnknownName` for a name that means nothing, and `InvalidValue` for weights that are all zero, for a value
-    that a dimension cannot have, and for a dimension that the rule does not look at: varied, it would do nothing.
+    that a dimension cannot have, and for a dimension that has no effect on the rule.
     """
     for name, value in point.items():
         require("dimension", name, OneOf(NAMES, "dimension"))
         _check_value(name, value)
     rule = _rule(point)
-    idle = set(point) - _looked_at(rule)
+    idle = set(point) - _dimensions_of(rule)
     for name in sorted(idle):
         if name.startswith("dof."):
             valid = "beside weight.pose or keep.pose, which measure the pose distance"
@@ -225,8 +226,8 @@ def _rule(point: Point) -> Rule:
     return Cascade.paper(int(point.get("keep.orientation", 30)), int(point.get("keep.position", 6)))
 
 
-def _looked_at(rule: Rule) -> set[str]:
-    """Return the names of all dimensions that ``rule`` looks at, a weight of zero included."""
+def _dimensions_of(rule: Rule) -> set[str]:
+    """Return the names of all dimensions that ``rule`` depends on, a weight of zero included."""
     # The definition of M is the condition's: also a rule without M has it in its rows.
     names = {"measure"}
     costs: list[GraspCost] = []

@@ -1,6 +1,6 @@
 """Row store: result rows on disk that survive a process killed at any moment.
 
-Each job's rows are a file of their own, a chunk, which appears whole or not at all. Rows are known by their key: a row
+The rows of each job are one file, a chunk, which appears whole or not at all. Rows are known by their key: a row
 that is there is never computed again, and one that should turn up twice is kept once.
 """
 

@@ -1,7 +1,7 @@
 """Multi-objective tuning: Optuna proposes points generation by generation, the engine tries each on all cases.
 
 A generation is tried as a whole, so that it shares geometry and executions; and everything tried is kept in the store,
-so that a search with the same seed that is started again finds its way back without computing anything twice. There is
+so that a search with the same seed that is started again repeats itself without computing anything twice. There is
 no other record of the search on purpose: what Optuna stores lacks the state of the random numbers, so that a search
 that went on from there would not end where one that was never interrupted does.
 """
@@ -26,7 +26,7 @@ from optsc.study.sweep.space import Dimension, Point, check_distinct, condition_
 from optsc.study.sweep.store import RowStore
 
 OBJECTIVES: Mapping[str, str] = {"path_length_m": "minimize", "target_yoshikawa": "maximize"}
-"""What is tuned for by default: short ways, and postures that can move on."""
+"""What is tuned for by default: short paths, and configurations that can move on."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,10 @@ def tune(
     """Return all trials of a search by NSGA-II (Deb et al. 2002), those on the Pareto front marked as best.
 
     Means leave out the cases that failed, so a point that fails where another did not counts as infeasible: or else
-    one that gives up on hard scenes would look better.
+    a point that fails in hard scenes would seem better.
 
     Args:
-        cases: what each point is tried on, of one arm.
+        cases: what each point is tried on, for one arm.
         dimensions: what may be varied, and how far.
         store: where outcomes are kept.
         trials: how many points are tried.
