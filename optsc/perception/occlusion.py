@@ -7,9 +7,9 @@ closed forms. Whatever is rounded is rounded so that the arm seems larger and ne
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,9 @@ from optsc.checks import Below, NonNegative, require
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, Pose
 from optsc.geometry.rotation import Array
+from optsc.kernels.capsules import capsule_ends
 from optsc.robot import RobotModel
+from optsc.robot.capsules import link_capsules
 
 MARGIN = 0.01
 """Capsules are this much thicker [m]: for links that look larger than they collide, and errors of calibration."""
@@ -247,14 +249,10 @@ def _inside(right: np.ndarray, down: np.ndarray, a: Array, b: Array, r: float) -
 
 
 @lru_cache(maxsize=16)
-def _joints(robot: RobotModel) -> tuple[tuple[int, Pose, Array, bool], ...]:
-    """Return for each joint its parent, its frame in the parent's, its axis and whether it slides."""
-    chain, joints = robot.chain, []
-    for i in range(robot.n):
-        placement = robot.model.jointPlacements[i + 1]
-        axis, slides = chain.axis[i], chain.slides[i]
-        joints.append((robot.model.parents[i + 1] - 1, Pose.from_matrix(placement.homogeneous), axis, slides))
-    return tuple(joints)
+def _capsules(robot: RobotModel) -> tuple[Callable[[Array], Any], Array]:
+    """Return the function q (n,) -> ends (6, K) [m] and the radii (K,) [m] of the arm's capsules."""
+    capsules = link_capsules(robot)
+    return capsule_ends(robot.chain, capsules), capsules.radius
 
 
 def capsules_at(robot: RobotModel, q: ArrayLike) -> tuple[Array, Array]:
@@ -263,17 +261,5 @@ def capsules_at(robot: RobotModel, q: ArrayLike) -> tuple[Array, Array]:
     Raises:
         DamagedFile: the arm's collision geometry cannot be read.
     """
-    from optsc.robot.capsules import link_capsules
-
-    capsules = link_capsules(robot)
-    frames: list[Pose] = []
-    for (parent, placement, axis, slides), value in zip(
-        _joints(robot), np.asarray(q, dtype=float), strict=True
-    ):
-        turn, shift = (np.zeros(3), value * axis) if slides else (value * axis, np.zeros(3))
-        frame = placement @ Pose.from_rotation_vector(turn, shift)
-        frames.append(frame if parent < 0 else frames[parent] @ frame)
-    X_WJ = Pose.stack([*frames, Pose.identity()])[
-        capsules.joint
-    ]  # joint -1, which does not move, is the last
-    return X_WJ[:, None].apply(capsules.ends), capsules.radius
+    place, radii = _capsules(robot)
+    return place(np.asarray(q, dtype=float)).full().T.reshape(-1, 2, 3), radii
