@@ -4,7 +4,7 @@ They take an arm as small arrays (`Chain`, `LinkCapsules`, limits), so this room
 """
 
 from optsc.kernels.build import compiler
-from optsc.kernels.chain import Chain, forward_kinematics, jacobian, kinematics
+from optsc.kernels.chain import Chain, forward_kinematics, kinematics
 from optsc.kernels.kernel import BatchKernel, Kernel, build_batch_kernel, build_kernel
 
 __all__ = [
@@ -15,6 +15,5 @@ __all__ = [
     "build_kernel",
     "compiler",
     "forward_kinematics",
-    "jacobian",
     "kinematics",
 ]

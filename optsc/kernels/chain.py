@@ -13,7 +13,7 @@ import numpy as np
 
 from optsc.geometry.rotation import Array
 
-ROUNDING = 1e-15
+ROUNDED_ENTRY = 1e-15
 """Entries of placements this near to 0 or 1 come from rounded right angles; exact ones make the code shorter."""
 
 
@@ -43,7 +43,7 @@ class Chain:
 
 def _constant(array: Array) -> casadi.SX:
     """Return a matrix whose exact zeros and ones vanish from the generated code."""
-    snapped = np.where(np.abs(array - np.round(array)) < ROUNDING, np.round(array), array)
+    snapped = np.where(np.abs(array - np.round(array)) < ROUNDED_ENTRY, np.round(array), array)
     return casadi.SX(casadi.sparsify(casadi.DM(snapped)))
 
 
@@ -95,12 +95,6 @@ def forward_kinematics(chain: Chain) -> casadi.Function:
     """Return the function q (n,) -> R_WT (3, 3), p_WT (3,) [m]."""
     q = casadi.SX.sym("q", chain.n)
     return casadi.Function("forward_kinematics", [q], tool_kinematics(chain, q)[:2], ["q"], ["R_WT", "p_WT"])
-
-
-def jacobian(chain: Chain) -> casadi.Function:
-    """Return the function q (n,) -> Jacobian (6, n) of T: linear over angular velocity, in W's axes."""
-    q = casadi.SX.sym("q", chain.n)
-    return casadi.Function("jacobian", [q], [tool_kinematics(chain, q)[2]], ["q"], ["J_WT"])
 
 
 def kinematics(chain: Chain) -> casadi.Function:

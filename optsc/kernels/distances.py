@@ -18,6 +18,7 @@ from optsc.geometry.rotation import Array
 from optsc.kernels.capsules import TINY, LinkCapsules, clip, nearest_shares, nearest_to_box, norm
 from optsc.kernels.chain import Chain, joint_frames
 from optsc.kernels.rows import HEAD, Box, PairFunctions, Rates, RowBuilder, RowSettings
+from optsc.kernels.symbols import symbols
 
 BLEND = 1e-3
 """What blending may take off a distance [m]."""
@@ -128,7 +129,8 @@ def _table_row(rows: RowBuilder) -> casadi.Function:
 def _placed_capsules(chain: Chain, capsules: LinkCapsules) -> casadi.Function:
     """(q, low, high) -> capsules (8, C) as `RowBuilder` has them, and axes and origins of the joints (6, n), in W."""
     n = chain.n
-    q, low, high = (casadi.SX.sym(name, n) for name in ("q", "low", "high"))
+    inputs = symbols(casadi.SX, q=n, low=n, high=n)
+    q, low, high = inputs
     frames = joint_frames(chain, q)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     columns = []
@@ -146,7 +148,7 @@ def _placed_capsules(chain: Chain, capsules: LinkCapsules) -> casadi.Function:
         columns.append(casadi.vertcat(*points, casadi.fmax(*speeds), joint))
     axes = casadi.horzcat(*[casadi.vertcat(frame.axis, frame.origin) for frame in frames])
     outputs = [casadi.densify(casadi.horzcat(*columns)), casadi.densify(axes)]
-    return casadi.Function("placed_capsules", [q, low, high], outputs)
+    return casadi.Function("placed_capsules", inputs, outputs)
 
 
 def _blend(radius: Array, length: Array) -> Array:
@@ -169,9 +171,10 @@ def distance_rows(
     ``self_pairs``, then the ``table_ends``, then each of the ``boxes`` with all capsules that move.
     """
     rows, n = RowBuilder(chain, rates), chain.n
-    q, low, high = (casadi.MX.sym(name, n) for name in ("q", "low", "high"))
-    settings = casadi.MX.sym("settings", RowSettings.SIZE)
-    box = casadi.MX.sym("boxes", Box.SIZE, max(boxes, 1))
+    inputs = symbols(
+        casadi.MX, q=n, low=n, high=n, settings=RowSettings.SIZE, boxes=(Box.SIZE, max(boxes, 1))
+    )
+    q, low, high, settings, box = inputs
     placed, axes = _placed_capsules(chain, capsules)(q, low, high)
     shared = [low, high, settings, axes]
     length = capsules.length
@@ -192,7 +195,7 @@ def distance_rows(
         found = with_box(placed[:, which], box, *shared)
         parts.append(casadi.reshape(found, HEAD + n, len(which) * boxes))
     out = casadi.densify(casadi.horzcat(*parts))
-    return casadi.Function("distance_rows", [q, low, high, settings, box], [out])
+    return casadi.Function("distance_rows", inputs, [out])
 
 
 def _self_rows(

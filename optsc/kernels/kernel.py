@@ -51,20 +51,12 @@ class Kernel:
         self.run = run
         self._lock = threading.Lock()
 
-    @property
-    def n_in(self) -> int:
-        """Number of inputs."""
-        return len(self.inputs)
-
-    @property
-    def n_out(self) -> int:
-        """Number of outputs."""
-        return len(self.outputs)
-
     def __call__(self, *arrays: ArrayLike) -> tuple[Array, ...]:
         """Return copies of the outputs for the given inputs; raise `InvalidValue` when shapes do not fit."""
-        if len(arrays) != self.n_in:
-            raise InvalidValue(f"number of inputs of {self.function.name()}", len(arrays), str(self.n_in))
+        if len(arrays) != len(self.inputs):
+            raise InvalidValue(
+                f"number of inputs of {self.function.name()}", len(arrays), str(len(self.inputs))
+            )
         values = [np.asarray(array, dtype=float) for array in arrays]
         for i, (buffer, value) in enumerate(zip(self.inputs, values, strict=True)):
             if buffer.shape != value.shape:
@@ -87,8 +79,8 @@ class BatchKernel:
 
     def __init__(self, kernel: Kernel, size: int, shared: int) -> None:
         self._kernel, self.size = kernel, size
-        self._items = [_rows(buffer, size) for buffer in kernel.inputs[: kernel.n_in - shared]]
-        self._shared = kernel.inputs[kernel.n_in - shared :]
+        self._items = [_rows(buffer, size) for buffer in kernel.inputs[: len(kernel.inputs) - shared]]
+        self._shared = kernel.inputs[len(kernel.inputs) - shared :]
         self._results = [_rows(buffer, size) for buffer in kernel.outputs]
         self._stale = 0
         self._lock = threading.Lock()

@@ -11,6 +11,7 @@ import numpy as np
 
 from optsc.geometry.rotation import Array
 from optsc.kernels.chain import Chain, tool_kinematics
+from optsc.kernels.symbols import symbols
 
 HYPEROCTANTS: Array = np.array(list(product((1.0, -1.0), repeat=6))).T
 """Signs (6, 64) of the tool's motion along and about the three axes."""
@@ -82,14 +83,13 @@ def _over_hyperoctants(
     chain: Chain, bounds: Bounds, value: Callable[[casadi.SX, casadi.SX], casadi.SX]
 ) -> casadi.Function:
     """Return (q, length) -> ``value`` of the weighted Jacobian and the length, in all hyperoctants side by side."""
-    n = chain.n
-    q, length = casadi.MX.sym("q", n), casadi.MX.sym("length")
-    angles, signs, scale = casadi.SX.sym("q", n), casadi.SX.sym("signs", 6), casadi.SX.sym("length")
+    n, angles = chain.n, casadi.SX.sym("q", chain.n)
     placed = [tool_kinematics(chain, angles)[2], *joint_weights(bounds, angles)]
     kinematics = casadi.Function("placed", [angles], [casadi.densify(x) for x in placed])
-    J, factors, places = casadi.SX.sym("J", 6, n), casadi.SX.sym("factors", n), casadi.SX.sym("places", n)
-    weighted = _in_hyperoctant(J, factors, places, signs)
-    one = casadi.Function("one", [J, factors, places, scale, signs], [value(weighted, scale)])
+    parts = symbols(casadi.SX, J=(6, n), factors=n, places=n, length=1, signs=6)
+    J, factors, places, scale, signs = parts
+    one = casadi.Function("one", parts, [value(_in_hyperoctant(J, factors, places, signs), scale)])
+    q, length = symbols(casadi.MX, q=n, length=1)
     each = one.map("each", "serial", HYPEROCTANTS.shape[1], [0, 1, 2, 3], [])
     found = each(*kinematics(q), length, casadi.DM(HYPEROCTANTS))
     return casadi.Function("over_hyperoctants", [q, length], [found])
@@ -130,36 +130,34 @@ def product_slope(chain: Chain, bounds: Bounds, kind: str) -> casadi.Function:
 
 
 def _penalised_product(chain: Chain, bounds: Bounds, kind: str) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
-    q, k = casadi.SX.sym("q", chain.n), casadi.SX.sym("k")
+    q, k = symbols(casadi.SX, q=chain.n, k=1)
     J = weighted_jacobian(chain, bounds, kind, q, casadi.SX.ones(6))
     return q, k, product_of_singular_values(J) * distance_to_limits(bounds, kind, q, k)
 
 
 def least_product(chain: Chain, bounds: Bounds) -> casadi.Function:
     """Return the function (q, k) -> least product of the singular values in any hyperoctant."""
-    q, k = casadi.MX.sym("q", chain.n), casadi.MX.sym("k")
+    q, k = symbols(casadi.MX, q=chain.n, k=1)
     each = _over_hyperoctants(chain, bounds, lambda J, _: product_of_singular_values(J))
     return casadi.Function("least_product", [q, k], [casadi.mmin(each(q, 1.0))])
 
 
 def grams(chain: Chain, bounds: Bounds, kind: str) -> casadi.Function:
     """Return the function (q, k, length) -> Gram matrices side by side, one or one for each hyperoctant, and L."""
-    q, k, length, signs = (
-        casadi.SX.sym(name, n) for name, n in (("q", chain.n), ("k", 1), ("length", 1), ("signs", 6))
-    )
-    L = casadi.densify(distance_to_limits(bounds, kind, q, k))
-    gram = _gram(weighted_jacobian(chain, bounds, kind, q, signs), length)
-    if kind != "vahrenkamp":
-        return casadi.Function("gram", [q, k, length], [casadi.substitute(gram, signs, casadi.DM.ones(6)), L])
-    configuration, scale, unused = casadi.MX.sym("q", chain.n), casadi.MX.sym("length"), casadi.MX.sym("k")
-    found = _over_hyperoctants(chain, bounds, lambda J, size: _gram(J, size))(configuration, scale)
-    return casadi.Function("grams", [configuration, unused, scale], [found, casadi.MX(casadi.DM.ones(1))])
+    sizes = {"q": chain.n, "k": 1, "length": 1}
+    if kind == "vahrenkamp":
+        inputs = symbols(casadi.MX, **sizes)
+        found = _over_hyperoctants(chain, bounds, _gram)(inputs[0], inputs[2])
+        return casadi.Function("grams", inputs, [found, casadi.MX(casadi.DM.ones(1))])
+    q, k, length = inputs = symbols(casadi.SX, **sizes)
+    gram = _gram(weighted_jacobian(chain, bounds, kind, q, casadi.SX.ones(6)), length)
+    return casadi.Function("gram", inputs, [gram, casadi.densify(distance_to_limits(bounds, kind, q, k))])
 
 
 def slopes(chain: Chain, bounds: Bounds, kind: str) -> casadi.Function:
     """Return the function (q, k, signs, G) -> J with the limits in it, L, dL/dq, d⟨G, J⟩/dq."""
-    q, k, signs = casadi.SX.sym("q", chain.n), casadi.SX.sym("k"), casadi.SX.sym("signs", 6)
-    G = casadi.SX.sym("G", 6, chain.n)
+    inputs = symbols(casadi.SX, q=chain.n, k=1, signs=6, G=(6, chain.n))
+    q, k, signs, G = inputs
     J, L = weighted_jacobian(chain, bounds, kind, q, signs), distance_to_limits(bounds, kind, q, k)
     outputs = [J, L, casadi.gradient(L, q), casadi.gradient(casadi.dot(G, J), q)]
-    return casadi.Function("slopes", [q, k, signs, G], [casadi.densify(o) for o in outputs])
+    return casadi.Function("slopes", inputs, [casadi.densify(o) for o in outputs])

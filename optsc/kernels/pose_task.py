@@ -7,6 +7,7 @@ import casadi
 from optsc.kernels import rotations
 from optsc.kernels.chain import Chain, tool_kinematics
 from optsc.kernels.reference import at_most
+from optsc.kernels.symbols import symbols
 
 GRIP = 0.8
 """Share of a dead band that is entirely free; over the rest the component is taken hold of."""
@@ -37,9 +38,9 @@ def pose_task(chain: Chain) -> casadi.Function:
     tolerances, reference minus present, in T's axes [m, rad]; sqrt(det(J J')) or, below six joints, sqrt(det(J'J)).
     """
     n = chain.n
-    q, posture, onward = (casadi.SX.sym(name, n) for name in ("q", "posture", "onward"))
-    reference, twist = casadi.SX.sym("reference", 7), casadi.SX.sym("twist", 6)
-    s = casadi.SX.sym("settings", PoseTaskSettings.SIZE)
+    size = PoseTaskSettings.SIZE
+    inputs = symbols(casadi.SX, q=n, reference=7, twist=6, posture=n, onward=n, settings=size)
+    q, reference, twist, posture, onward, s = inputs
     R, p, J = tool_kinematics(chain, q)
     turn = rotations.smooth_from_matrix(R.T @ rotations.to_matrix(reference[3:7]))
     error = casadi.vertcat(R.T @ (reference[0:3] - p), turn)
@@ -70,7 +71,7 @@ def pose_task(chain: Chain) -> casadi.Function:
     gram = tool_J @ tool_J.T if n >= 6 else tool_J.T @ tool_J
     volume = casadi.sqrt(_determinant(gram))
     outputs = [casadi.densify(x) for x in (H, g, error, volume)]
-    return casadi.Function("pose_task", [q, reference, twist, posture, onward, s], outputs)
+    return casadi.Function("pose_task", inputs, outputs)
 
 
 def _pull(error: casadi.SX, gain: casadi.SX, braking: casadi.SX) -> casadi.SX:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi
 
 from optsc.kernels import rotations
+from optsc.kernels.symbols import symbols
 
 QUICKNESS, SWIFTNESS = 8.0, 2.4
 """Of catching up: omega^2 |e| and omega |de/dt| at most, in units of the braking that is counted on; with either, the
@@ -38,9 +39,9 @@ def reference_model(fading: float) -> casadi.Function:
     target of constant velocity, and of constant acceleration where that is led on to in full. Far from the target
     omega falls, see `_bandwidth`.
     """
-    r, t = casadi.SX.sym("reference", 19), casadi.SX.sym("target", 19)
-    settings = casadi.SX.sym("settings", ReferenceSettings.SIZE)
-    period, elapsed, share = (casadi.SX.sym(name) for name in ("period", "elapsed", "share"))
+    size = ReferenceSettings.SIZE
+    inputs = symbols(casadi.SX, reference=19, target=19, elapsed=1, settings=size, period=1, share=1)
+    r, t, elapsed, settings, period, share = inputs
     p, q, v, w, a, b = r[0:3], r[3:7], r[7:10], r[10:13], r[13:16], r[16:19]
     target_p, target_q, target_v, target_w, target_a, target_b = _moved_on(t, elapsed, fading)
     # Where the target was at the start of this step: the error then follows its own free motion.
@@ -64,7 +65,6 @@ def reference_model(fading: float) -> casadi.Function:
         led_b + angular[2],
     )
     gap = casadi.vertcat(*(casadi.sqrt(casadi.dot(part[0], part[0])) for part in (linear, angular)))
-    inputs = [r, t, elapsed, settings, period, share]
     return casadi.Function("reference_model", inputs, [casadi.densify(step), casadi.densify(gap)])
 
 

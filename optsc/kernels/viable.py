@@ -17,6 +17,8 @@ from functools import lru_cache
 
 import casadi
 
+from optsc.kernels.symbols import only_if, symbols
+
 BISECTIONS = 44
 """Halvings of the interval; enough that its end is exact to rounding."""
 OUTSIDE = 1e-9
@@ -76,8 +78,7 @@ def _reach(
 
 @lru_cache
 def _halving() -> casadi.Function:
-    low, high = casadi.SX.sym("low"), casadi.SX.sym("high")
-    q, v, u, A, J, dt = (casadi.SX.sym(name) for name in ("q", "v", "u", "A", "J", "dt"))
+    low, high, q, v, u, A, J, dt = symbols(casadi.SX, low=1, high=1, q=1, v=1, u=1, A=1, J=1, dt=1)
     middle = 0.5 * (low + high)
     safe = _reach(middle, q, v, A, J, dt) <= u
     state = casadi.vertcat(casadi.if_else(safe, middle, low), casadi.if_else(safe, high, middle))
@@ -87,7 +88,7 @@ def _halving() -> casadi.Function:
 @lru_cache
 def _upper_ends() -> casadi.Function:
     """(q, v, a, u, V, A, J, dt) -> least a', velocity end, position test at both, position end when outside."""
-    q, v, a, u, V, A, J, dt = (casadi.SX.sym(name) for name in ("q", "v", "a", "u", "V", "A", "J", "dt"))
+    q, v, a, u, V, A, J, dt = symbols(casadi.SX, q=1, v=1, a=1, u=1, V=1, A=1, J=1, dt=1)
     step = J * dt
     least = casadi.fmin(casadi.fmax(-A, a - step), a + step)
     most = casadi.fmin(casadi.fmax(A, a - step), a + step)
@@ -114,11 +115,9 @@ def _upper_end() -> casadi.Function:
     least, end, fits, outside, outside_end, bound = (ends[i] for i in range(6))
     data = casadi.vertcat(x[0], x[1], x[3], x[5], x[6], x[7])
     halvings = _halving().fold(BISECTIONS)(casadi.vertcat(least, end), casadi.repmat(data, 1, BISECTIONS))
-    # A function call that the generated code branches around: the search is needed only close to a limit.
-    search = casadi.Function("search", [x], [halvings[0]])
-    keep = casadi.Function("keep", [x], [end])
+    # The search is needed only close to a limit, and jumped over elsewhere.
     must_search = casadi.logic_and(fits < 0.5, outside < 0.5)
-    searched = casadi.Function.if_else("searched", search, keep)(must_search, x)
+    searched = only_if(casadi.Function("search", [x], [halvings[0]]), [x], [end])(must_search, x)
     closed_by_position = casadi.logic_or(fits < 0.5, outside > 0.5)
     return casadi.Function(
         "upper_end",
@@ -142,7 +141,7 @@ def viable_interval(n: int) -> casadi.Function:
     end (n, 2); how far the joint furthest beyond its position limits is beyond them (1), zero when none is.
     Jerk and acceleration never give, then velocity, then position: the interval is never empty.
     """
-    state, limits, dt = casadi.MX.sym("state", n, 3), casadi.MX.sym("limits", n, 5), casadi.MX.sym("dt")
+    state, limits, dt = symbols(casadi.MX, state=(n, 3), limits=(n, 5), dt=1)
     rates, ticks = limits[:, 2:].T, casadi.repmat(dt, 1, n)
     end = _upper_end().map(n)
     high = end(casadi.vertcat(state.T, limits[:, 1].T, rates, ticks)).T

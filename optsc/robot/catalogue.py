@@ -21,7 +21,7 @@ _ROBOTS = ("example-robot-data", "robots")
 
 
 @dataclass(frozen=True, eq=False)
-class _Arm:
+class _CatalogueEntry:
     description: Callable[[], Path]
     flange: str | None  # link that carries the hand; None where the description has one already
     flange_xyz: tuple[float, float, float]
@@ -31,7 +31,7 @@ class _Arm:
     sources: dict[str, str]
 
 
-_PANDA = _Arm(
+_PANDA = _CatalogueEntry(
     description=lambda: urdf.example_robot_data(*_ROBOTS, "panda_description", "urdf", "panda.urdf"),
     flange=None,
     flange_xyz=(0.0, 0.0, 0.0),
@@ -46,7 +46,7 @@ _PANDA = _Arm(
     },
     sources={"all": "Franka Control Interface documentation, limits for the Panda"},
 )
-_UR5 = _Arm(
+_UR5 = _CatalogueEntry(
     description=lambda: urdf.example_robot_data(*_ROBOTS, "ur_description", "urdf", "ur5_robot.urdf"),
     flange="tool0",
     flange_xyz=(0.0, 0.0, 0.0),
@@ -64,7 +64,7 @@ _UR5 = _Arm(
         "jerk": "tuned here: the maker publishes none",
     },
 )
-_IIWA = _Arm(
+_IIWA = _CatalogueEntry(
     description=lambda: urdf.package_folder("pybullet_data", "kuka_iiwa", "model.urdf"),
     flange="lbr_iiwa_link_7",
     flange_xyz=(0.0, 0.0, 0.045),
@@ -84,7 +84,7 @@ _IIWA = _Arm(
         "jerk": "tuned here: the maker publishes none",
     },
 )
-_XARM7 = _Arm(
+_XARM7 = _CatalogueEntry(
     description=lambda: urdf.example_robot_data(*_ROBOTS, "xarm_description", "urdf", "xarm7.urdf"),
     flange="link_eef",
     flange_xyz=(0.0, 0.0, 0.0),
@@ -108,7 +108,7 @@ ROBOT_NAMES: tuple[str, ...] = tuple(sorted(_ARMS))
 """Names that `load_robot` knows."""
 
 
-def _composed(name: str, arm: _Arm) -> Path:
+def _composed(name: str, arm: _CatalogueEntry) -> Path:
     panda = _PANDA.description()
     share = urdf.example_robot_data()
     hand_root = urdf.with_absolute_meshes(urdf.read_urdf(panda), panda.parent, share)

@@ -28,7 +28,7 @@ SAFE = 1e-5
 """Bodies whose capsules are further apart than this [m] do not touch, whatever the rounding."""
 BOXES_PER_OBSTACLE = 4
 """How many boxes an obstacle is made of at most."""
-PER_LOOP = 8
+CLEARANCES_PER_LOOP = 8
 """Configurations in one compiled loop."""
 SAMPLES = 400
 """Random configurations that tell which distances within the arm change."""
@@ -153,7 +153,7 @@ def _kernel(robot: RobotModel, linked: LinkPairs, slots: int) -> BatchKernel:
     pairs, hulls = self_pairs(robot, linked), link_capsules(robot, True)
     over = ends_over_table(robot)
     function = clearance(robot.chain, link_capsules(robot), hulls, pairs.telling, pairs.close, over, slots)
-    return build_batch_kernel(function, PER_LOOP, shared=3)
+    return build_batch_kernel(function, CLEARANCES_PER_LOOP, shared=3)
 
 
 @lru_cache(maxsize=64)

@@ -126,11 +126,6 @@ class CollisionModel:
         return tuple(dict.fromkeys(self.shapes.links))
 
     @property
-    def hand_links(self) -> tuple[str, ...]:
-        """Names of the links of the hand: the jaws and the link that carries them."""
-        return tuple(dict.fromkeys(self.shapes.links[i] for i in sorted(self.shapes.hand)))
-
-    @property
     def self_pairs(self) -> tuple[tuple[str, str], ...]:
         """Pairs of links that are checked against each other."""
         links = self.shapes.links

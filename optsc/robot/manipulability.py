@@ -52,7 +52,7 @@ from optsc.robot.model import RobotModel
 
 SINGULARITY = ("yoshikawa", "inverse_condition", "minimum_singular_value")
 JOINT_LIMITS = ("tsai", "tsai_raw", "chan_dubey", "vahrenkamp", "none")
-PER_LOOP = 8
+MEASURES_PER_LOOP = 8
 """Configurations in one compiled loop."""
 
 
@@ -185,10 +185,12 @@ DEFINITIONS: Mapping[str, Manipulability] = MappingProxyType(
 def _products(robot: RobotModel, joint_limits: str) -> BatchKernel:
     if joint_limits == "vahrenkamp":
         return build_batch_kernel(
-            parts.least_product(robot.chain, robot.limits.positions), PER_LOOP, shared=1
+            parts.least_product(robot.chain, robot.limits.positions), MEASURES_PER_LOOP, shared=1
         )
     return build_batch_kernel(
-        parts.penalised_product(robot.chain, robot.limits.positions, joint_limits), PER_LOOP, shared=1
+        parts.penalised_product(robot.chain, robot.limits.positions, joint_limits),
+        MEASURES_PER_LOOP,
+        shared=1,
     )
 
 
@@ -200,7 +202,7 @@ def _product_slope(robot: RobotModel, joint_limits: str) -> Kernel:
 @lru_cache(maxsize=32)
 def _grams(robot: RobotModel, joint_limits: str) -> BatchKernel:
     return build_batch_kernel(
-        parts.grams(robot.chain, robot.limits.positions, joint_limits), PER_LOOP, shared=2
+        parts.grams(robot.chain, robot.limits.positions, joint_limits), MEASURES_PER_LOOP, shared=2
     )
 
 
