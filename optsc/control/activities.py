@@ -1,7 +1,8 @@
 """What the controller does in each mode, tick by tick.
 
-An activity starts from the pose that the tool is being led along at that moment, so that entering a mode never
-moves the target. It reads the operator's hand or its own clock, and drives the servo.
+An activity is a value: a tick returns its outcome and the activity of the next tick. It starts from the pose that the
+tool is being led along at that moment, so that entering a mode never moves the target. It reads the operator's hand or
+its own clock, and drives the servo.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from optsc.control.approach import Approach, PathTarget, StraightPath
 from optsc.control.arbitration import Goal
 from optsc.control.fine_tuning import Shift
 from optsc.control.modes import Event
-from optsc.control.servo import Command, Servo, Status
+from optsc.control.servo import Servo
+from optsc.control.status import Command, Status
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.operators.clutch import ClutchSettings, ClutchState, Hand, engage, follow, jumped
@@ -24,13 +26,13 @@ STANDSTILL = (_ZERO, _ZERO, _ZERO, _ZERO)
 
 
 class HandInput(NamedTuple):
-    """What the operator's hand says at this tick, and what it may be after.
+    """What the operator's hand asks for at this tick, and which objects may be intended.
 
     Attributes:
         hand: the newest good sample.
         new: whether it is new.
         clutch: whether it is coupled to the arm.
-        goals: objects that may be meant, for policies that assist.
+        goals: objects that may be intended, for policies that assist.
         gap: by how much the most probable of them leads.
     """
 
@@ -42,13 +44,13 @@ class HandInput(NamedTuple):
 
 
 class Assistance(NamedTuple):
-    """What became of the hand's wish at a tick, as twists (6,) in W [m/s, rad/s].
+    """What became of the hand's velocity at a tick, as twists (6,) in W [m/s, rad/s].
 
     Attributes:
         hand: the velocity that the hand asked for.
         robot: what the robot added.
         carried_out: both, blended: the velocity that the tool is led with.
-        share: how much of the authority is the robot's, in [0, 1], as the policy sees it.
+        share: how much of the authority is the robot's, in [0, 1], as the policy reports it.
     """
 
     hand: Array
@@ -67,188 +69,218 @@ class Outcome(NamedTuple):
 
 
 class Activity(Protocol):
-    """One mode at work."""
+    """One mode at work: a value that changes nothing but the servo."""
 
-    def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
-        """Do one tick; ``opening`` is the measured distance of the jaws [m]."""
+    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
+        """Do one tick; ``opening`` is the measured distance of the jaws [m]. Return the next tick's activity too."""
         ...
 
 
-class Resting:
+class Resting(NamedTuple):
     """Come to rest and stay there."""
 
-    def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
+    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
         """Do one tick; see `Activity`."""
-        return Outcome(servo.stop())
+        return self, Outcome(servo.stop())
 
 
 class Coupled(NamedTuple):
-    """The pose that a coupled hand asks for, when, whether it was coupled anew, and why, where that is news."""
+    """The pose that a coupled hand asks for, when, whether it was coupled again, and why, where that is a message."""
 
     p: Vector
     q: Quaternion
     stamp: float
-    anew: bool = False
+    again: bool = False
     reason: str = ""
 
 
-class Coupling:
-    """A hand coupled to a pose by the clutch; whenever it is coupled, the pose stays."""
+class Coupling(NamedTuple):
+    """A hand coupled to a pose by the clutch; whenever it is coupled, the pose stays.
 
-    def __init__(self, settings: ClutchSettings, smoothing: Smoothing | None = None) -> None:
-        self._settings, self._smoothing = settings, smoothing
-        self._coupled: ClutchState | None = None
-        self._smooth: SmoothedHand | None = None
-
-    def release(self) -> None:
-        """Let go: the next hand is coupled anew, wherever it is."""
-        self._coupled = None
-
-    def take_in(self, hand: Hand, at: tuple[Vector, Quaternion]) -> Coupled:
-        """Return the pose after a new sample; ``at`` is the pose to couple the hand to where it is not coupled."""
-        leapt = self._coupled is not None and jumped(self._settings, self._coupled, hand)
-        if self._coupled is None or self._smooth is None or leapt:
-            self._smooth = begin(hand)
-            self._coupled = engage(self._settings, hand, *at)
-            reason = "the hand jumped and was coupled anew" if leapt else ""
-            return Coupled(self._coupled.tool_p, self._coupled.tool_q, hand.stamp, True, reason)
-        if self._smoothing is not None:
-            self._smooth = smoothed(self._smoothing, self._smooth, hand)
-            hand = self._smooth.hand
-        self._coupled = follow(self._settings, self._coupled, hand)
-        return Coupled(self._coupled.tool_p, self._coupled.tool_q, hand.stamp)
-
-
-class Following:
-    """Follow the operator's hand through the clutch."""
-
-    def __init__(self, settings: ClutchSettings, smoothing: Smoothing | None = None) -> None:
-        self._coupling = Coupling(settings, smoothing)
-
-    def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
-        """Do one tick; see `Activity`."""
-        if hand.hand is None or not hand.clutch:
-            self._coupling.release()
-            servo.forget()
-            return Outcome(servo.stop())
-        reason = self._take_in(servo, hand.hand) if hand.new else ""
-        command = servo.step()
-        if command.status is Status.STALE:
-            # The hand may come back anywhere: it is then coupled anew, from rest.
-            self._coupling.release()
-        return Outcome(command, reason=reason)
-
-    def _take_in(self, servo: Servo, hand: Hand) -> str:
-        """Move the target as the hand moved; say so where the hand had to be coupled anew."""
-        coupled = self._coupling.take_in(hand, servo.reference)
-        if coupled.anew:
-            servo.forget()
-        servo.observe(coupled.p, coupled.q, coupled.stamp)
-        return coupled.reason
-
-
-class Travelling:
-    """Move along a straight path, and wait until the arm has caught up with its end.
-
-    With a ``shift`` the end can be moved on the way, see `lead`.
+    Attributes:
+        settings: of the clutch.
+        smoothing: of the hand, if any.
+        clutch: the clutch while it is closed.
+        smooth: the filter of the hand.
     """
 
-    def __init__(
-        self, settings: Approach, servo: Servo, end_p: Vector, end_q: Quaternion, shift: Shift | None = None
-    ) -> None:
-        servo.forget()
-        self._settings = settings
-        self._path = StraightPath(settings, *servo.reference, end_p, end_q)
-        self._end, self._shift = (end_p, end_q), shift
-        self._ticks = 0
+    settings: ClutchSettings
+    smoothing: Smoothing | None = None
+    clutch: ClutchState | None = None
+    smooth: SmoothedHand | None = None
 
-    def lead(self, end_p: Vector, end_q: Quaternion) -> None:
-        """Go to another end, not far from the first: the whole path is shifted; without effect where it cannot be."""
-        if self._shift is not None:
-            self._shift.lead(self._end, (end_p, end_q))
+    def released(self) -> Coupling:
+        """Return the coupling with an open clutch: the next hand is coupled again, wherever it is."""
+        return self if self.clutch is None else self._replace(clutch=None)
 
-    def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
+    def after(self, hand: Hand, at: tuple[Vector, Quaternion]) -> tuple[Coupling, Coupled]:
+        """Return the coupling and the pose after a new sample.
+
+        ``at`` is the pose to couple the hand to where it is not coupled.
+        """
+        settings, smoothing, clutch, smooth = self
+        leapt = clutch is not None and jumped(settings, clutch, hand)
+        if clutch is None or smooth is None or leapt:
+            clutch = engage(settings, hand, *at)
+            reason = "the hand jumped and was coupled again" if leapt else ""
+            coupled = Coupled(clutch.tool_p, clutch.tool_q, hand.stamp, True, reason)
+            return Coupling(settings, smoothing, clutch, begin(hand)), coupled
+        if smoothing is not None:
+            smooth = smoothed(smoothing, smooth, hand)
+            hand = smooth.hand
+        clutch = follow(settings, clutch, hand)
+        return Coupling(settings, smoothing, clutch, smooth), Coupled(
+            clutch.tool_p, clutch.tool_q, hand.stamp
+        )
+
+
+class Following(NamedTuple):
+    """Follow the operator's hand through the clutch."""
+
+    coupling: Coupling
+
+    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
         """Do one tick; see `Activity`."""
-        self._ticks += 1
-        time = self._ticks * servo.period
-        target = self._path.at(time)
-        if self._shift is not None:
-            target = self._shift.applied(target, servo.period)
+        if hand.hand is None or not hand.clutch:
+            servo.forget()
+            return Following(self.coupling.released()), Outcome(servo.stop())
+        coupling, reason = self.coupling, ""
+        if hand.new:
+            coupling, coupled = coupling.after(hand.hand, servo.reference)
+            if coupled.again:
+                servo.forget()
+            servo.observe(coupled.p, coupled.q, coupled.stamp)
+            reason = coupled.reason
+        command = servo.tick()
+        if command.status is Status.STALE:
+            # The hand may come back anywhere: it is then coupled again, from rest.
+            coupling = coupling.released()
+        return Following(coupling), Outcome(command, reason=reason)
+
+
+class Travelling(NamedTuple):
+    """Move along a straight path, and wait until the arm has caught up with its end.
+
+    Attributes:
+        settings: what counts as arrived.
+        path: where to go.
+        end: the pose at its end.
+        shift: displacement of the path, where its end can be moved on the way, see `led`.
+        ticks: since the start of the path.
+    """
+
+    settings: Approach
+    path: StraightPath
+    end: tuple[Vector, Quaternion]
+    shift: Shift | None = None
+    ticks: int = 0
+
+    @classmethod
+    def begin(
+        cls, settings: Approach, servo: Servo, end_p: Vector, end_q: Quaternion, shift: Shift | None = None
+    ) -> Travelling:
+        """Return the motion from where the tool is being led along to a pose."""
+        servo.forget()
+        return cls(settings, StraightPath(settings, *servo.reference, end_p, end_q), (end_p, end_q), shift)
+
+    def led(self, end_p: Vector, end_q: Quaternion) -> Travelling:
+        """Return the motion to another end, not far from the first; the same where the path cannot be shifted."""
+        if self.shift is None:
+            return self
+        return self._replace(shift=self.shift.led(self.end, (end_p, end_q)))
+
+    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
+        """Do one tick; see `Activity`."""
+        settings, path, end, shift, ticks = self
+        ticks += 1
+        time = ticks * servo.period
+        target = path.at(time)
+        if shift is not None:
+            shift, target = shift.applied(target, servo.period)
         command = servo.track(*target)
+        after = Travelling(settings, path, end, shift, ticks)
         if command.status is Status.UNSOLVED:
-            return Outcome(command, Event.FAULT, command.reason)
-        if time < self._path.duration:
-            return Outcome(command)
-        if self._shift is not None and self._shift.moving:
-            self._ticks -= 1  # the path waits until its end has come to rest
-            return Outcome(command)
+            return after, Outcome(command, Event.FAULT, command.reason)
+        if time < path.duration:
+            return after, Outcome(command)
+        if shift is not None and shift.moving:
+            # The path waits until its end has come to rest.
+            return Travelling(settings, path, end, shift, ticks - 1), Outcome(command)
         x, y, z, a, b, c = command.error.tolist()
-        settings = self._settings
         near = max(abs(x), abs(y), abs(z)) < settings.position_tolerance
         if near and max(abs(a), abs(b), abs(c)) < settings.angle_tolerance:
-            return Outcome(command, Event.ARRIVED)
-        if time > self._path.duration + settings.settle_time:
-            return Outcome(
-                command, Event.FAULT, f"stuck on the way: {command.reason or 'the arm lags behind'}"
-            )
-        return Outcome(command)
+            return after, Outcome(command, Event.ARRIVED)
+        if time > path.duration + settings.settle_time:
+            reason = f"stuck on the path: {command.reason or 'the arm lags behind'}"
+            return after, Outcome(command, Event.FAULT, reason)
+        return after, Outcome(command)
 
 
-class Adjusting:
+class Adjusting(NamedTuple):
     """Wait at the pre-grasp, which may be shifted, until the operator decides."""
 
-    def __init__(self, servo: Servo, shift: Shift) -> None:
+    at: tuple[Vector, Quaternion]
+    shift: Shift
+
+    @classmethod
+    def begin(cls, servo: Servo, shift: Shift) -> Adjusting:
+        """Return the waiting at the pose that the tool is being led along."""
         servo.forget()
-        self._at, self._shift = servo.reference, shift
+        return cls(servo.reference, shift)
 
-    def lead(self, p: Vector, q: Quaternion) -> None:
-        """Go to another pre-grasp, not far from the first."""
-        self._shift.lead(self._at, (p, q))
+    def led(self, p: Vector, q: Quaternion) -> Adjusting:
+        """Return the waiting at another pre-grasp, not far from the first."""
+        return Adjusting(self.at, self.shift.led(self.at, (p, q)))
 
-    def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
+    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
         """Do one tick; see `Activity`."""
-        command = servo.track(*self._shift.applied(PathTarget(*self._at, *STANDSTILL), servo.period))
-        if command.status is Status.UNSOLVED:
-            return Outcome(command, Event.FAULT, command.reason)
-        return Outcome(command)
+        shift, target = self.shift.applied(PathTarget(*self.at, *STANDSTILL), servo.period)
+        command = servo.track(*target)
+        fault = Event.FAULT if command.status is Status.UNSOLVED else None
+        return Adjusting(self.at, shift), Outcome(command, fault, command.reason if fault else "")
 
 
-class Closing:
-    """Stand still until the jaws have come to rest."""
+LEAST_CLOSING_TIME = 0.3
+"""Jaws that have not moved before this [s] may not have begun to."""
+STILL_SPEED = 2e-3
+"""Jaws slower than this [m/s] are at rest ..."""
+STILL_TIME = 0.2
+"""... once they have been so for this long [s]."""
+LONGEST_CLOSING_TIME = 3.0
+"""Go on after this [s] whatever the jaws do."""
 
-    LEAST_TIME = 0.3
-    """Jaws that have not moved before this [s] may not have begun to."""
-    STILL_SPEED = 2e-3
-    """Jaws slower than this [m/s] are at rest."""
-    STILL_TIME = 0.2
-    """How long they have to be [s]."""
-    MOST_TIME = 3.0
-    """Go on after this [s] whatever the jaws do."""
 
-    def __init__(self, servo: Servo) -> None:
-        self._p, self._q = servo.reference
-        self._ticks = 0
-        self._still = 0
-        self._opening: float | None = None
+class Closing(NamedTuple):
+    """Stand still until the jaws have come to rest.
 
-    def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
+    Attributes:
+        at: the pose that the tool stays at.
+        ticks: since the jaws began to close.
+        still: for how many ticks they have been at rest.
+        opening: of the jaws at the last tick [m].
+    """
+
+    at: tuple[Vector, Quaternion]
+    ticks: int = 0
+    still: int = 0
+    opening: float | None = None
+
+    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
         """Do one tick; see `Activity`."""
-        self._ticks += 1
-        command = servo.track(self._p, self._q)
-        last, self._opening = self._opening, opening
-        moved = last is None or abs(opening - last) > self.STILL_SPEED * servo.period
-        self._still = 0 if moved else self._still + 1
-        time = self._ticks * servo.period
-        at_rest = self._still * servo.period >= self.STILL_TIME and time >= self.LEAST_TIME
-        return Outcome(command, Event.CLOSED if at_rest or time >= self.MOST_TIME else None)
+        at, ticks, still, last = self
+        command = servo.track(*at)
+        moved = last is None or abs(opening - last) > STILL_SPEED * servo.period
+        after = Closing(at, ticks + 1, 0 if moved else still + 1, opening)
+        time = after.ticks * servo.period
+        at_rest = after.still * servo.period >= STILL_TIME and time >= LEAST_CLOSING_TIME
+        return after, Outcome(command, Event.CLOSED if at_rest or time >= LONGEST_CLOSING_TIME else None)
 
 
-class Standing:
+class Standing(NamedTuple):
     """Keep the tool where it is."""
 
-    def __init__(self, servo: Servo) -> None:
-        self._p, self._q = servo.reference
+    at: tuple[Vector, Quaternion]
 
-    def step(self, servo: Servo, hand: HandInput, opening: float) -> Outcome:
+    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
         """Do one tick; see `Activity`."""
-        return Outcome(servo.track(self._p, self._q))
+        return self, Outcome(servo.track(*self.at))

@@ -1,7 +1,7 @@
 """Fine-tuning: the operator shifts the grasp that the robot goes to, a little, while it goes there.
 
 Chen et al. 2023 name it as future work. A nudge is a small displacement and turn in the gripper's own frame, scaled,
-and the sum of them is bounded: the stored grasp is adjusted, not replaced. What the arm could not carry out is not
+and the sum of them is bounded: the stored grasp is adjusted, not replaced. What the arm cannot execute is not
 taken over.
 """
 
@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import hypot
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from optsc.checks import Checked, Pair, Positive
 from optsc.control.approach import Approach, PathTarget
-from optsc.control.rollout import can_travel, whole_way
-from optsc.errors import require_pair, require_positive
+from optsc.control.path_feasibility import can_travel, grasp_path
 from optsc.geometry import Pose, scalar
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.grasps import Candidates
@@ -31,8 +31,8 @@ _NONE = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class FineTuning:
-    """How far a grasp may be tuned; all defaults are ours.
+class FineTuning(Checked):
+    """How far a grasp may be tuned; all defaults are tuned here.
 
     Attributes:
         scale: what the tool is shifted by per nudge, in position and rotation [1].
@@ -42,18 +42,14 @@ class FineTuning:
         wait: whether the robot waits at the pre-grasp until the operator confirms.
     """
 
-    scale: tuple[float, float] = (0.3, 0.3)
-    most: tuple[float, float] = (0.03, 0.35)
-    speed: tuple[float, float] = (0.05, 0.25)
-    period: float = 0.02
+    scale: Annotated[tuple[float, float], Pair] = (0.3, 0.3)
+    most: Annotated[tuple[float, float], Pair] = (0.03, 0.35)
+    speed: Annotated[tuple[float, float], Pair] = (0.05, 0.25)
+    period: Annotated[float, Positive] = 0.02
     wait: bool = True
 
-    def __post_init__(self) -> None:
-        require_pair("FineTuning", {"scale": self.scale, "most": self.most, "speed": self.speed})
-        require_positive("FineTuning", {"period": self.period})
 
-
-class Scene(NamedTuple):
+class TuningScene(NamedTuple):
     """What a tuned grasp is checked in: the arm, how it moves, the candidates, and their collision check."""
 
     robot: RobotModel
@@ -75,12 +71,13 @@ def untouched(target: Target) -> Tuned:
     return Tuned(target, Pose.identity(), target)
 
 
-def nudged(settings: FineTuning, scene: Scene, tuned: Tuned, nudge: Nudge) -> tuple[Tuned, str]:
-    """Return the grasp after a nudge, and why it was not carried out; the grasp is then as it was.
+def nudged(settings: FineTuning, scene: TuningScene, tuned: Tuned, nudge: Nudge) -> tuple[Tuned, str]:
+    """Return the grasp after a nudge, and why it was refused; the grasp is then as it was.
 
     X_WG' = X_WG offset' with offset' = offset exp(scale nudge), made as short as `FineTuning.most` asks for. Checked
-    are the pre-grasp and the grasp for a posture within the joint limits, for collision where the scene has a check,
-    and the straight way between them. The manipulability told with the target stays that of the stored grasp.
+    are the pre-grasp and the grasp for a configuration within the joint limits and, where the scene has a check, for
+    collision, and the straight path between them. The manipulability given with the target stays that of the stored
+    grasp.
     """
     a, b = settings.scale
     step = Pose(
@@ -99,9 +96,9 @@ def nudged(settings: FineTuning, scene: Scene, tuned: Tuned, nudge: Nudge) -> tu
     if not at_grasp.success:
         return tuned, "the nudged grasp is out of reach"
     target = before._replace(X_WG=X_WG, X_WP=X_WP, q=at_grasp.q, q_pregrasp=at_pregrasp.q)
-    _, *way = whole_way(scene.approach, X_WP, X_WP, X_WG)
-    if not can_travel(scene.robot, scene.approach, at_pregrasp.q, way):
-        return tuned, "the nudged grasp cannot be reached, and lifted from, on a straight way"
+    _, *path = grasp_path(scene.approach, X_WP, X_WP, X_WG)
+    if not can_travel(scene.robot, scene.approach, at_pregrasp.q, path):
+        return tuned, "the nudged grasp cannot be reached, and lifted from, on a straight path"
     if not _is_clear(scene, target):
         return tuned, "the nudged grasp would touch something"
     return Tuned(stored, offset, target), ""
@@ -114,7 +111,7 @@ def _shortened(offset: Pose, most: tuple[float, float]) -> Pose:
     )
 
 
-def _is_clear(scene: Scene, target: Target) -> bool:
+def _is_clear(scene: TuningScene, target: Target) -> bool:
     if scene.clear is None:
         return True
     one = np.array([target.candidate])
@@ -141,63 +138,84 @@ def hand_nudge(clutch: ClutchSettings, before: Hand, after: Hand, grasp: Quatern
     return x, y, z, a, b, c
 
 
-class Tuner:
-    """Collects nudges, and takes them over when the next check is due."""
+class Tuning(NamedTuple):
+    """A grasp while it is tuned: nudges are collected, and taken over when the next check is due.
 
-    def __init__(self, settings: FineTuning, scene: Scene, target: Target, time: float) -> None:
-        self.settings, self.scene, self.tuned = settings, scene, untouched(target)
-        self._waiting: list[float] = [0.0] * 6
-        self._checked = time
+    Attributes:
+        settings: how far it may be tuned.
+        scene: what it is checked in.
+        tuned: the grasp and what has become of it.
+        checked: when nudges were taken over last [s].
+        waiting: sum of the nudges since then.
+    """
 
-    def push(self, nudge: Nudge) -> None:
-        """Collect a nudge."""
-        self._waiting = [a + b for a, b in zip(self._waiting, nudge, strict=True)]
+    settings: FineTuning
+    scene: TuningScene
+    tuned: Tuned
+    checked: float
+    waiting: Nudge = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-    def settle(self, time: float) -> str:
-        """Take over what was collected, if it is time [s] to; return why it could not be, else nothing."""
-        if not any(self._waiting) or time - self._checked < self.settings.period:
-            return ""
-        self._checked = time
-        nudge, self._waiting = self._waiting, [0.0] * 6
-        self.tuned, reason = nudged(self.settings, self.scene, self.tuned, tuple(nudge))  # type: ignore[arg-type]
-        return reason
+    def pushed(self, nudge: Nudge) -> Tuning:
+        """Return the tuning with a nudge more."""
+        x, y, z, a, b, c = (old + new for old, new in zip(self.waiting, nudge, strict=True))
+        return self._replace(waiting=(x, y, z, a, b, c))
+
+    def settled(self, time: float) -> tuple[Tuning, str]:
+        """Return the tuning at ``time`` [s], nudges taken over if that is due, and why they could not be, if so."""
+        if not any(self.waiting) or time - self.checked < self.settings.period:
+            return self, ""
+        tuned, reason = nudged(self.settings, self.scene, self.tuned, self.waiting)
+        return Tuning(self.settings, self.scene, tuned, time), reason
 
 
-class Shift:
-    """A displacement of a path, which moves to its end no faster than it may: a nudge never makes the tool jump."""
+class Shift(NamedTuple):
+    """A displacement of a path, which moves to its end no faster than it may: a nudge never makes the tool jump.
 
-    def __init__(self, speed: tuple[float, float]) -> None:
-        self._speed = speed
-        self._p, self._r = _NONE, _NONE
-        self._end_p, self._end_r = _NONE, _NONE
+    Attributes:
+        speed: at most [m/s, rad/s].
+        p, r: displacement [m] and rotation vector [rad], in W, now.
+        end_p, end_r: where it moves to.
+    """
 
-    def lead(self, start: tuple[Vector, Quaternion], end: tuple[Vector, Quaternion]) -> None:
-        """Set the end: the displacement that turns one pose in W into another."""
+    speed: tuple[float, float]
+    p: Vector = _NONE
+    r: Vector = _NONE
+    end_p: Vector = _NONE
+    end_r: Vector = _NONE
+
+    def led(self, start: tuple[Vector, Quaternion], end: tuple[Vector, Quaternion]) -> Shift:
+        """Return the shift with another end: the displacement that turns one pose in W into another."""
         (p, q), (to_p, to_q) = start, end
-        self._end_p = (to_p[0] - p[0], to_p[1] - p[1], to_p[2] - p[2])
-        self._end_r = scalar.log(scalar.multiply(to_q, scalar.conjugate(q)))
+        end_p = (to_p[0] - p[0], to_p[1] - p[1], to_p[2] - p[2])
+        return Shift(
+            self.speed, self.p, self.r, end_p, scalar.log(scalar.multiply(to_q, scalar.conjugate(q)))
+        )
 
     @property
     def moving(self) -> bool:
         """Whether the end has not been reached."""
-        return self._p != self._end_p or self._r != self._end_r
+        return self.p != self.end_p or self.r != self.end_r
 
-    def applied(self, target: PathTarget, period: float) -> PathTarget:
-        """Move on by one ``period`` [s], and return the path's target displaced, with its velocity."""
-        p, r = self._p, self._r
-        self._p = _stepped(p, self._end_p, self._speed[0] * period)
-        self._r = _stepped(r, self._end_r, self._speed[1] * period)
-        v = tuple(t + (b - a) / period for t, a, b in zip(target.v, p, self._p, strict=True))
-        w = tuple(t + (b - a) / period for t, a, b in zip(target.w, r, self._r, strict=True))
-        place = tuple(a + b for a, b in zip(target.p, self._p, strict=True))
-        turned = scalar.multiply(scalar.exp(self._r), target.q)
-        return target._replace(p=place, q=turned, v=v, w=w)  # type: ignore[arg-type]
+    def applied(self, target: PathTarget, period: float) -> tuple[Shift, PathTarget]:
+        """Return the shift one ``period`` [s] later, and the path's target displaced, with its velocity."""
+        after = Shift(
+            self.speed,
+            _stepped(self.p, self.end_p, self.speed[0] * period),
+            _stepped(self.r, self.end_r, self.speed[1] * period),
+            self.end_p,
+            self.end_r,
+        )
+        v = tuple(t + (b - a) / period for t, a, b in zip(target.v, self.p, after.p, strict=True))
+        w = tuple(t + (b - a) / period for t, a, b in zip(target.w, self.r, after.r, strict=True))
+        place = tuple(a + b for a, b in zip(target.p, after.p, strict=True))
+        turned = scalar.multiply(scalar.exp(after.r), target.q)
+        return after, target._replace(p=place, q=turned, v=v, w=w)  # type: ignore[arg-type]
 
 
 def _stepped(now: Vector, end: Vector, most: float) -> Vector:
-    way = (end[0] - now[0], end[1] - now[1], end[2] - now[2])
-    length = hypot(*way)
+    path = (end[0] - now[0], end[1] - now[1], end[2] - now[2])
+    length = hypot(*path)
     if length <= most:
         return end
     s = most / length
-    return now[0] + s * way[0], now[1] + s * way[1], now[2] + s * way[2]
+    return now[0] + s * path[0], now[1] + s * path[1], now[2] + s * path[2]

@@ -3,22 +3,38 @@
     target ──► prediction ──► reference model ──► QP IK ──► joint guard ──► Command
 
 Every target passes the same third-order reference model, so that whatever changes upstream (a new sample, another
-control mode, the end of a time-out) the reference keeps its position, velocity and acceleration.
+control mode, the end of a time-out) the reference keeps its position, velocity and acceleration:
+
+    (d/dt + omega)^3 (r - target) = 0                                 reference r: pose, twist, acceleration
+
+The joint velocity q' of the tick and the slacks s of collision avoidance solve one quadratic program,
+
+    minimise    1/2 || W (J q' - V*) ||^2                             the tool follows the reference
+              + 1/2 w_p || q' - k_p (q_p - q) ||^2                    spare motion goes to a configuration q_p
+              + 1/2 w_s || q' - v - share T a ||^2                    velocities change smoothly
+              + 1/2 (d + c || W e ||^2) || q' ||^2                    damping, more where the target is far
+              + 1/2 w_a || s ||^2                                     distances are kept
+    subject to  lowest <= q' <= highest                               position, velocity, acceleration, jerk limits
+                grad(d_k) q' + s_k >= rate_k, each near pair k        no distance falls faster than it can brake
+
+with V* = V_r + min(k, sqrt(b / |e|)) e, the reference's twist and its distance e from the tool. The cost is built in
+`optsc.ik.differential`, the bounds are the viable interval (`optsc.kernels.viable`), the rows are those of
+`optsc.robot.distances`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 from math import exp
 from time import perf_counter
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.checks import Checked, NonNegative, Pair, Positive, Share, require
-from optsc.control.diagnosis import lost_direction, towards
+from optsc.control.state import Numbers, ServoSnapshot, ServoState
+from optsc.control.status import FOLLOWING, Command, Status, held_back, near_singularity
 from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
@@ -35,59 +51,18 @@ NEAR = 0.99
 """Share of the square of `ServoSettings.far` up to which a target is within reach."""
 
 
-class Status(Enum):
-    """What a tick did; `Command.reason` says why, in words."""
-
-    FOLLOWING = "following"
-    LIMITED = "held back by a joint limit"
-    BLOCKED = "held back by something near"
-    SINGULAR = "near a singularity"
-    UNREACHABLE = "the target is out of reach"
-    STALE = "no new target for too long"
-    INVALID = "the target was refused"
-    STOPPING = "coming to rest"
-    HOLDING = "at rest"
-    UNSOLVED = "the solver found no motion"
-
-
 FARTHEST = 1e9
 """Positions [m] and stamps [s] from here on are faults, not targets."""
 SINGULAR_SHARE = 0.1
-"""Share of the manipulability at home below which the arm may be losing a direction (ours)."""
+"""Share of the manipulability at home below which the arm may be losing a direction (tuned here)."""
 NOTICEABLE = (1e-3, 5e-3)
 """Distance and angle to the reference [m, rad] up to which the arm counts as following, whatever limit it touches
-(ours): half of what the tool may be off."""
+(tuned here): half of what the tool may be off."""
 BEHIND = (4e-3, 2e-2)
 """Distance and angle of the reference to its target [m, rad] from which on an arm at a limit counts as held back even
-where the reference has waited for it (ours): a brisk hand is half of that ahead of a free arm."""
+where the reference has waited for it (tuned here): a brisk hand is half of that ahead of a free arm."""
 WAITING = 9e-3
-"""Time constant [s] with which the reference goes to an arm that is at a limit of its rates (ours)."""
-
-
-class Command(NamedTuple):
-    """One tick's joint command.
-
-    Attributes:
-        q, v, a: position, velocity and acceleration (n,) [rad, rad/s, rad/s^2]; a is the difference of v per tick.
-        status: what the tick did.
-        reason: why, in words; empty while following.
-        error: reference minus commanded tool pose (6,), in the tool frame [m, rad].
-        volume: Yoshikawa's index at the commanded posture.
-        iterations: of the solver.
-        slack: how far the velocities had to miss the rows of collision avoidance [m/s]; zero while none had to give.
-        outside: how far the joint furthest beyond its position limits is beyond them [rad]; zero when all are inside.
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    status: Status
-    reason: str
-    error: Array
-    volume: float
-    iterations: int
-    slack: float = 0.0
-    outside: float = 0.0
+"""Time constant [s] with which the reference goes to an arm that is at a limit of its rates (tuned here)."""
 
 
 @dataclass(frozen=True)
@@ -140,12 +115,19 @@ def _exceeds(error: Array, limits: tuple[float, float], share: float = 1.0) -> b
 class Servo:
     """Follows a stream of pose targets within every joint limit.
 
+    All that a tick changes is in `numbers` and `state`; a tick that cannot be completed changes neither.
+
     Args:
         robot: the arm.
         rate: control rate [Hz]; `step` is called once per period.
         settings: how a target is followed.
         solver: name of the QP solver, see `optsc.ik.solver_names`.
         avoid: what the arm keeps clear of; nothing by default.
+
+    Attributes:
+        numbers: joints, reference, preferred configuration.
+        state: ticks, track of the target, whether it is stopped.
+        spent: what the last tick took [s]; no part of the state, which is the same whenever a run is repeated.
 
     Raises:
         InvalidValue: a rate that is not positive.
@@ -163,9 +145,11 @@ class Servo:
         require("rate", rate, Positive)
         self.robot, self.rate, self.period = robot, rate, 1.0 / rate
         self.settings, self.avoid = settings or ServoSettings(), avoid
-        self.guard = JointGuard(robot.limits, self.period)
+        self.numbers, self.spent = Numbers(robot.n), 0.0
+        self.guard = JointGuard(robot.limits, self.period, self.numbers.joints)
         self.ik = DifferentialIK(robot, self.period, self.settings.ik, make_solver(solver))
         self._model = build_kernel(reference_model(prediction.FADING))
+        self._model.bind(0, self.numbers.reference)
         self._reference, self._target, self._elapsed, values, period, self._led = self._model.inputs
         self._next_reference, self._gap = self._model.outputs
         # An arm that ramps its accelerations slowly cannot follow a quick reference.
@@ -177,32 +161,48 @@ class Servo:
         self._at_rest = np.zeros(robot.n)
         self._waiting = 1.0 - exp(-self.period / WAITING)
         self._singular_volume = SINGULAR_SHARE * self.ik.volume(robot.home)
+        self._written: Track | None = None  # the track that the reference model's target was written from
+        self.numbers.preferred[:] = robot.home
         self.reset(robot.home)
 
     def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
-        """Start from posture ``q`` (n,) [rad] and velocity ``v`` (n,) [rad/s]; raise `InvalidValue`."""
+        """Start from configuration ``q`` (n,) [rad] and velocity ``v`` (n,) [rad/s]; raise `InvalidValue`."""
         self.guard.reset(self.robot.checked(q), v)
-        self.ticks = 0
+        self.state = ServoState()
+        self._written = None
         self.spent = 0.0
-        """What the last tick took [s]; beside the command, which is the same whenever a run is repeated."""
-        self._track: Track | None = None
-        self._given: Track | None = None  # the track that the reference model's target was written from
-        self._stopped = True
 
     def set_limits(self, limits: JointLimits) -> None:
         """Keep other joint limits from now on, also in motion, see `JointGuard.set_limits`; raise `InvalidValue`."""
         self.guard.set_limits(limits)
 
-    def reset_posture(self, q: ArrayLike) -> None:
-        """Go on from posture ``q`` (n,) [rad], at rest, without turning back the clock; raise `InvalidValue`."""
+    def reset_configuration(self, q: ArrayLike) -> None:
+        """Go on from configuration ``q`` (n,) [rad], at rest, without turning back the clock; raise `InvalidValue`."""
         self.guard.reset(self.robot.checked(q))
-        self.forget()
-        self._stopped = True
+        self.state = ServoState(self.state.ticks)
+
+    def prefer(self, q: ArrayLike) -> None:
+        """Let spare motion go to configuration ``q`` (n,) [rad] from now on; raise `InvalidValue`."""
+        self.numbers.preferred[:] = self.robot.checked(q, "preferred configuration")
+
+    def snapshot(self) -> ServoSnapshot:
+        """Return the whole state as it is now, see `restore`."""
+        obstacles = None if self.avoid is None else self.avoid.snapshot()
+        return ServoSnapshot(self.numbers.block.copy(), self.state, self.guard.limits, obstacles)
+
+    def restore(self, snapshot: ServoSnapshot) -> None:
+        """Go on from a snapshot of this servo, or of one with the same arm, settings and obstacles."""
+        self.numbers.block[:] = snapshot.numbers
+        self.state = snapshot.state
+        self._written = None
+        self.guard.refresh(snapshot.limits)
+        if self.avoid is not None and snapshot.obstacles is not None:
+            self.avoid.restore(snapshot.obstacles)
 
     @property
     def time(self) -> float:
         """Time since the reset [s], counted in ticks."""
-        return self.ticks * self.period
+        return self.state.ticks * self.period
 
     @property
     def X_WT(self) -> Pose:
@@ -212,34 +212,39 @@ class Servo:
     @property
     def reference(self) -> tuple[Vector, Quaternion]:
         """Position and orientation that the tool is being led along; the commanded pose while stopped."""
-        if self._stopped:
+        if self.state.stopped:
             X_WT = self.X_WT
             return tuple(X_WT.translation.tolist()), tuple(X_WT.quaternion.tolist())
         row = self._reference.tolist()
         return tuple(row[:3]), tuple(row[3:7])
 
-    def _start(self) -> None:
-        """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""
-        q, v, _ = self.guard.state
-        X_WT, twist = self.robot.forward(q), self.robot.jacobian(q) @ v
-        self._reference[:] = np.concatenate([X_WT.translation, X_WT.quaternion, twist, np.zeros(6)])
-        self._stopped = False
-
     def step(self, X_WT: Pose | None = None, stamp: float | None = None) -> Command:
-        """Move one tick and return its command; never raises on a bad target.
+        """Move one tick and return its command; never raises.
 
         Args:
             X_WT: a new target, or None when there is none at this tick: the last one is predicted on until it is
                 older than the time-out.
             stamp: when the target was sampled [s], on the clock of `time`; now by default.
+
+        A tick that fails, in a solver for example, is taken back and becomes one of coming to rest; its status is
+        `UNSOLVED`, its reason the error.
         """
+        before = self.snapshot()
+        try:
+            return self.tick(X_WT, stamp)
+        except Exception as error:  # noqa: BLE001 - whatever a solver or an obstacle raises, the arm must stop
+            self.restore(before)
+            return self.halt(f"{type(error).__name__}: {error}")
+
+    def tick(self, X_WT: Pose | None = None, stamp: float | None = None) -> Command:
+        """Move one tick like `step`, for callers that take a failed tick back themselves: what fails, raises."""
         if X_WT is not None:
             p, q = X_WT.translation.tolist(), X_WT.quaternion.tolist()
             when = self.time if stamp is None else stamp
             if not _is_pose(p, q) or not abs(when) < FARTHEST:
                 return self._stop(Status.INVALID, "target is not one finite pose with a unit quaternion")
             self.observe(tuple(p), tuple(q), when)
-        track = self._track
+        track = self.state.track
         if track is None:
             return self._stop(Status.HOLDING, "no target yet")
         age = self.time - track.stamp
@@ -249,10 +254,9 @@ class Servo:
         horizon = self.settings.prediction.horizon
         if elapsed > horizon:
             return self.track(*prediction.predicted(track, horizon))
-        if self._stopped:
-            self._start()
-        if self._given is not track:
-            p, q, v, w, _, a, b = self._given = track
+        self._start()
+        if self._written is not track:
+            p, q, v, w, _, a, b = self._written = track
             self._target[:] = (*p, *q, *v, *w, *a, *b)
             self._led[0] = self.settings.led
         self._elapsed[0] = elapsed
@@ -260,34 +264,56 @@ class Servo:
 
     def observe(self, p: Vector, q: Quaternion, stamp: float) -> None:
         """Take in a target sampled at ``stamp`` [s]; finite and unit is the caller's promise."""
-        if self._track is None:
-            self._track = prediction.at_rest(p, q, stamp)
+        ticks, track, stopped = self.state
+        if track is None:
+            track = prediction.at_rest(p, q, stamp)
         else:
-            self._track = prediction.updated(self.settings.prediction, self._track, p, q, stamp)
+            track = prediction.updated(self.settings.prediction, track, p, q, stamp)
+        self.state = ServoState(ticks, track, stopped)
 
     def forget(self) -> None:
         """Drop the stream of targets: the next one starts a new track, at rest."""
-        self._track = None
+        ticks, _, stopped = self.state
+        self.state = ServoState(ticks, None, stopped)
 
     def track(
         self, p: Vector, q: Quaternion, v: Vector = REST, w: Vector = REST, a: Vector = REST, b: Vector = REST
     ) -> Command:
         """Move one tick towards a target pose, with its velocities and accelerations in W, at the end of the tick."""
-        if self._stopped:
-            self._start()
-        self._given = None
+        self._start()
+        self._written = None
         self._target[:] = (*p, *q, *v, *w, *a, *b)
         self._elapsed[0], self._led[0] = 0.0, 1.0
         return self._follow()
+
+    def stop(self) -> Command:
+        """Move one tick of a jerk-limited way to rest, or stay there."""
+        return self._stop(Status.HOLDING, "")
+
+    def halt(self, reason: str) -> Command:
+        """Move one tick to rest by the joint limits alone, without asking a solver; ``reason`` says what failed."""
+        return self._come_to_rest(self._at_rest, Status.UNSOLVED, reason, perf_counter())
+
+    def _start(self) -> None:
+        """Begin to lead the tool from where it is commanded to be, at the velocity that it has, if it was stopped."""
+        ticks, track, stopped = self.state
+        if not stopped:
+            return
+        q, v, _ = self.guard.state
+        X_WT, twist = self.robot.forward(q), self.robot.jacobian(q) @ v
+        self._reference[:] = np.concatenate([X_WT.translation, X_WT.quaternion, twist, np.zeros(6)])
+        self.state = ServoState(ticks, track, False)
 
     def _follow(self) -> Command:
         """Move one tick on the way to the target that the reference model has been given."""
         start = perf_counter()
         self._model.run()
-        reference, guard = self._reference, self.guard
+        reference, guard, numbers = self._reference, self.guard, self.numbers
         lowest, highest = guard.lowest, guard.highest
         rows = None if self.avoid is None else self.avoid.rows(guard.q, lowest, highest)
-        step = self.ik.solve(guard.columns, reference[:7], self._next_reference[7:13], lowest, highest, rows)
+        step = self.ik.solve(
+            guard.columns, reference[:7], self._next_reference[7:13], numbers.preferred, lowest, highest, rows
+        )
         reference[:] = self._next_reference
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
@@ -298,17 +324,19 @@ class Servo:
         if far:
             self._wait()
         wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
-        status, reason = self._verdict(wanted, far) if noticeable else (Status.FOLLOWING, "")
-        if status is Status.LIMITED:
+        verdict = FOLLOWING
+        if noticeable:
+            near = None if self.avoid is None else self.avoid.blocking(wanted)
+            verdict = held_back(self.robot, guard, wanted, near, far)
+        if verdict.status is Status.LIMITED:
             self._yield(wanted)
         if step.volume < self._singular_volume and noticeable:
-            status, reason = self._singular(step.error, status, reason)
+            verdict = near_singularity(self.robot, guard.q, step.error, verdict)
         state = guard.advance(wanted)
-        self.ticks += 1
+        ticks, track, stopped = self.state
+        self.state = ServoState(ticks + 1, track, stopped)
         self.spent = perf_counter() - start
-        return Command(
-            *state, status, reason, step.error, step.volume, step.iterations, step.slack, guard.outside
-        )
+        return Command(*state, *verdict, step.error, step.volume, step.iterations, step.slack, guard.outside)
 
     def _wait(self) -> None:
         """Let the reference wait for an arm that cannot follow, so that there is no distance to make up in a rush."""
@@ -338,42 +366,18 @@ class Servo:
         reference[3:7] = scalar.multiply(turn, own)
         reference[7:13] += share * (self.robot.jacobian(q) @ wanted - reference[7:13])
 
-    def _singular(self, error: Array, status: Status, reason: str) -> tuple[Status, str]:
-        """Say so where the arm lags in a direction that it is losing."""
-        if status in (Status.LIMITED, Status.BLOCKED):
-            return status, reason
-        lost = lost_direction(self.robot, self.guard.q)
-        if towards(lost, error) < 0.5:
-            return status, reason
-        words = f"motion {lost.name} of the tool is lost (least singular value {lost.singular_value:.3f} m)"
-        return (status if status is Status.UNREACHABLE else Status.SINGULAR), words
-
-    def _verdict(self, wanted: Array, far: bool) -> tuple[Status, str]:
-        guard = self.guard
-        near = None if self.avoid is None else self.avoid.blocking(wanted)
-        if near is not None:
-            reason = f"{near.link} is {1e3 * near.distance:.0f} mm from {near.other}"
-            return (Status.UNREACHABLE if far else Status.BLOCKED), reason
-        at_low, at_high = wanted <= guard.lowest, wanted >= guard.highest
-        if not (at_low | at_high).any():
-            return (Status.UNREACHABLE, "no joint leads nearer") if far else (Status.FOLLOWING, "")
-        joint = int(np.argmax(at_low | at_high))
-        bound = Bound(int(guard.bounds[joint, int(at_high[joint])]))
-        reason = f"{self.robot.joint_names[joint]}: {bound.name.lower()}"
-        return (Status.UNREACHABLE if far else Status.LIMITED), reason
-
-    def stop(self) -> Command:
-        """Move one tick of a jerk-limited way to rest, or stay there."""
-        return self._stop(Status.HOLDING, "")
-
     def _stop(self, status: Status, reason: str) -> Command:
-        start, self._stopped = perf_counter(), True
-        guard, rest = self.guard, self._at_rest
+        start, guard, rest = perf_counter(), self.guard, self._at_rest
         if self.avoid is not None:
             rest = self.avoid.stopping(guard.q, guard.lowest, guard.highest, self.ik.solver)
-        state = guard.advance(rest)
-        self.ticks += 1
+        return self._come_to_rest(rest, status, reason, start)
+
+    def _come_to_rest(self, velocity: Array, status: Status, reason: str, start: float) -> Command:
+        """Move one tick to ``velocity`` (n,), with which the arm comes to rest, and be stopped."""
+        state = self.guard.advance(velocity)
+        ticks, track, _ = self.state
+        self.state = ServoState(ticks + 1, track, True)
         self.spent = perf_counter() - start
         if status is Status.HOLDING and state.v.any():
             status = Status.STOPPING
-        return Command(*state, status, reason, np.zeros(6), 0.0, 0, 0.0, guard.outside)
+        return Command(*state, status, reason, np.zeros(6), 0.0, 0, 0.0, self.guard.outside)

@@ -3,5 +3,6 @@
 from optsc.followers.ideal import IdealFollower
 from optsc.followers.paced import PacedFollower
 from optsc.followers.protocol import Follower, FollowerState
+from optsc.followers.recorded import RecordedFollower
 
-__all__ = ["Follower", "FollowerState", "IdealFollower", "PacedFollower"]
+__all__ = ["Follower", "FollowerState", "IdealFollower", "PacedFollower", "RecordedFollower"]

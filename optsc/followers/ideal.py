@@ -8,7 +8,7 @@ from types import MappingProxyType, TracebackType
 from numpy.typing import ArrayLike
 
 from optsc.errors import Closed, InvalidValue
-from optsc.followers.protocol import JAW_SPEED, FollowerState, checked_command, one_posture
+from optsc.followers.protocol import JAW_SPEED, FollowerState, checked_command, one_configuration
 from optsc.geometry import Pose
 from optsc.robot import RobotModel
 
@@ -48,17 +48,24 @@ class IdealFollower:
     def reset(self, q: ArrayLike) -> FollowerState:
         """Put the arm at ``q`` (n,) [rad] at rest with open jaws; raise `InvalidValue`."""
         self._check_open()
-        posture = one_posture(self.robot, q)
+        configuration = one_configuration(self.robot, q)
         opening = self.robot.gripper.max_opening if self.robot.gripper else 0.0
-        self._state = FollowerState(0.0, posture, 0.0 * posture, opening)
+        self._state = FollowerState(0.0, configuration, 0.0 * configuration, opening)
         return self.state()
+
+    def at(self, state: FollowerState) -> IdealFollower:
+        """Put the arm where ``state`` says, in motion if it says so, and return the follower; see `Follower.at`."""
+        self._check_open()
+        q, v = one_configuration(self.robot, state.q), one_configuration(self.robot, state.v, "v")
+        self._state = FollowerState(state.time, q, v, state.opening)
+        return self
 
     def apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
         """Take the command as the new state, see `Follower.apply`; the jaws move at their speed."""
         self._check_open()
         command = checked_command(self.robot, q, v, opening, period)
-        way = self._jaw_speed * command.period
-        jaws = min(max(command.opening, self._state.opening - way), self._state.opening + way)
+        step = self._jaw_speed * command.period
+        jaws = min(max(command.opening, self._state.opening - step), self._state.opening + step)
         self._state = FollowerState(self._state.time + command.period, command.q, command.v, jaws)
         return self.state()
 

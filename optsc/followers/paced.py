@@ -44,6 +44,12 @@ class PacedFollower:
         self._origin, self.lost = None, 0.0
         return self.follower.reset(q)
 
+    def at(self, state: FollowerState) -> PacedFollower:
+        """Put the arm where ``state`` says, see `Follower.at`; the clock starts with the next command."""
+        self._origin = None
+        self.follower.at(state)
+        return self
+
     def apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
         """Follow a command, and return when its period is over."""
         if self._origin is None:

@@ -47,6 +47,14 @@ class Follower(Protocol):
         """Put the arm at ``q`` (n,) [rad] at rest, jaws open, the scene as at the start; time becomes 0."""
         ...
 
+    def at(self, state: FollowerState) -> Follower:
+        """Put the arm where ``state`` says, in motion or not, and return the follower itself.
+
+        Objects stay where they are, and time goes on from that of the state. For runs that begin in the middle; an arm
+        that cannot be put anywhere raises `InvalidValue`.
+        """
+        ...
+
     def apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
         """Follow one command for one control period and return where the arm is at its end.
 
@@ -94,7 +102,10 @@ def checked_command(robot: RobotModel, q: ArrayLike, v: ArrayLike, opening: floa
     if not 0.0 < period < np.inf:
         raise InvalidValue("period", period, "finite, above 0 s")
     return Command(
-        one_posture(robot, q, "q"), one_posture(robot, v, "v"), _opening(robot, opening), float(period)
+        one_configuration(robot, q, "q"),
+        one_configuration(robot, v, "v"),
+        _opening(robot, opening),
+        float(period),
     )
 
 
@@ -109,7 +120,7 @@ def _opening(robot: RobotModel, opening: float) -> float:
     return float(min(max(opening, 0.0), widest))
 
 
-def one_posture(robot: RobotModel, q: ArrayLike, field: str = "q") -> Array:
+def one_configuration(robot: RobotModel, q: ArrayLike, field: str = "q") -> Array:
     """Return one row of joint values (n,) from outside, copied; raise `InvalidValue`."""
     values = np.array(q, dtype=float)
     if values.shape != (robot.n,) or not np.all(np.isfinite(values)):

@@ -100,6 +100,14 @@ class Avoidance:
         """
         self.model.hand_may_touch(*(name for name in names if name is not None))
 
+    def snapshot(self) -> Array:
+        """Return where the obstacles are, how they move, and which of them the hand may touch, for `restore`."""
+        return self.model.obstacles.copy()
+
+    def restore(self, obstacles: Array) -> None:
+        """Put back what `snapshot` returned."""
+        self.model.obstacles[:] = obstacles
+
     def rows(self, q: Array, lowest: Array, highest: Array) -> Rows | None:
         """Return the rows on the joint velocity of the next tick, which has the bounds given (n,) [rad/s]."""
         near = self._near = self.model.rows(q, lowest, highest, self.settings.most_rows)

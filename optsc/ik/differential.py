@@ -34,7 +34,6 @@ from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from optsc.checks import Checked, Each, NonNegative, Positive, require
 from optsc.errors import InvalidValue
@@ -180,13 +179,6 @@ class DifferentialIK:
         self._carried = smoothness(self.settings.smoothing, self.period)[1] * self.period
         vector[:] = self.settings.vector(self.robot.limits, self.period)
         self._H, self._g, self._error, self._volume = self._kernel.outputs
-        self._preferred = self.robot.home
-        self._posture[:] = self._preferred
-
-    def prefer(self, posture: ArrayLike) -> None:
-        """Let spare motion go to ``posture`` (n,) [rad] from now on; raise `InvalidValue`."""
-        self._preferred = self.robot.checked(posture, "posture")
-        self._posture[:] = self._preferred
 
     def volume(self, q: Array) -> float:
         """Return the volume of the manipulability ellipsoid at posture ``q`` (n,), as `IkStep.volume`."""
@@ -199,28 +191,29 @@ class DifferentialIK:
         state: tuple[Array, Array, Array],
         reference: Array,
         twist: Array,
+        preferred: Array,
         lowest: Array,
         highest: Array,
         rows: Rows | None = None,
     ) -> IkStep:
-        """Return the joint velocity of the next tick; never raises.
+        """Return the joint velocity of the next tick.
 
         Args:
             state: present joint positions, velocities and accelerations, each (n,), SI.
             reference: pose of T in W as position and quaternion (7,).
             twist: its linear and angular velocity (6,), in W.
+            preferred: configuration (n,) [rad] that spare motion goes to.
             lowest, highest: bounds of the answer (n,) [rad/s].
             rows: further linear constraints on the answer.
         """
         q, v, a = state
         self._q[:], self._reference[:], self._twist[:] = q, reference, twist
         self._onward[:] = v + self._carried * a
+        self._posture[:] = preferred
         if self.settings.manipulability_gain > 0:
             # A posture that lies uphill: the task's gain turns it into the wanted share of the gradient.
             uphill = self.manipulability.gradient(self.robot, q)
-            self._posture[:] = (
-                self._preferred + self.settings.manipulability_gain / self.settings.posture_gain * uphill
-            )
+            self._posture[:] += self.settings.manipulability_gain / self.settings.posture_gain * uphill
         self._kernel.run()
         # H is symmetric, so the column-major buffer is read as row-major without a copy.
         solution = self.solver.solve(self._H.T, self._g, lowest, highest, rows)

@@ -27,11 +27,11 @@ class Kernel:
     Attributes:
         function: what is evaluated.
         compiled: whether machine code runs, or CasADi's virtual machine.
-        inputs, outputs: the buffers; they stay the same arrays for the kernel's life.
+        inputs, outputs: the buffers; they stay the same arrays for the kernel's life, but for `bind`.
         run: evaluates `outputs` from `inputs`; not for several threads at once.
     """
 
-    __slots__ = ("_lock", "compiled", "function", "inputs", "outputs", "run")
+    __slots__ = ("_bound", "_lock", "compiled", "function", "inputs", "outputs", "run")
 
     run: Callable[[], None]
 
@@ -39,17 +39,34 @@ class Kernel:
         self.function, self.compiled = function, compiled
         self.inputs = tuple(_allocated(function.sparsity_in(i)) for i in range(function.n_in()))
         self.outputs = tuple(_allocated(function.sparsity_out(i)) for i in range(function.n_out()))
-        bound: Any
-        bound, evaluate = function.buffer()
+        self._bound: Any
+        self._bound, evaluate = function.buffer()
         for i, array in enumerate(self.inputs):
-            bound.set_arg(i, array.reshape(-1, order="F").data)
+            self._bound.set_arg(i, array.reshape(-1, order="F").data)
         for i, array in enumerate(self.outputs):
-            bound.set_res(i, array.reshape(-1, order="F").data)
+            self._bound.set_res(i, array.reshape(-1, order="F").data)
         run: Any = functools.partial(evaluate)
         # The evaluator knows bare addresses, so whoever holds `run` has to hold what they belong to.
-        run.held = (bound, self.inputs, self.outputs)
+        run.held = (self._bound, self.inputs, self.outputs)
         self.run = run
         self._lock = threading.Lock()
+
+    def bind(self, index: int, array: Array) -> None:
+        """Read an input from ``array`` from now on: memory of the caller's, in column-major order without gaps.
+
+        Raises `InvalidValue` for another shape or layout.
+        """
+        shape = self.inputs[index].shape
+        if array.shape != shape or not array.flags.f_contiguous or array.dtype != np.float64:
+            raise InvalidValue(
+                f"input {self.function.name_in(index)}",
+                (array.shape, array.dtype),
+                f"{shape} float64, F order",
+            )
+        self._bound.set_arg(index, array.reshape(-1, order="F").data)
+        self.inputs = (*self.inputs[:index], array, *self.inputs[index + 1 :])
+        run: Any = self.run
+        run.held = (self._bound, self.inputs, self.outputs)
 
     def __call__(self, *arrays: ArrayLike) -> tuple[Array, ...]:
         """Return copies of the outputs for the given inputs; raise `InvalidValue` when shapes do not fit."""

@@ -111,12 +111,13 @@ class DistanceModel:
         self._kernel = build_kernel(
             distance_rows(robot.chain, robot.limits.rates, self.capsules, self_pairs, table_ends, self._slots)
         )
-        self._q, self._low, self._high, self.settings, self._boxes = self._kernel.inputs
+        self._q, self._low, self._high, self.settings, self.obstacles = self._kernel.inputs
+        """Boxes of the obstacles, one column each, as `optsc.kernels.rows.Box` lays them out."""
         self.settings[:] = margin, table_height or 0.0, 1.0, 1.0, 0.1, 0.1
         self._rows = self._kernel.outputs[0].T  # (P, 3 + n)
-        self._boxes[Box.ABSENT] = 1.0
+        self.obstacles[Box.ABSENT] = 1.0
         for name, (_, X_WO) in obstacles.items():
-            self._boxes[Box.ABSENT, self._parts[name][0]] = 0.0
+            self.obstacles[Box.ABSENT, self._parts[name][0]] = 0.0
             self.move(name, X_WO)
 
     def _lay_out(self, self_pairs: list[SelfPair], table_ends: list[TableEnd]) -> None:
@@ -149,23 +150,23 @@ class DistanceModel:
         R_WO = X_WO.rotation_matrix()
         turned = R_WO @ R
         offset = centre @ R_WO.T
-        self._boxes[Box.ROTATION, where] = np.swapaxes(turned, 1, 2).reshape(-1, 9).T
-        self._boxes[Box.CENTRE, where] = (offset + X_WO.translation).T
-        self._boxes[Box.HALF, where] = half.T
+        self.obstacles[Box.ROTATION, where] = np.swapaxes(turned, 1, 2).reshape(-1, 9).T
+        self.obstacles[Box.CENTRE, where] = (offset + X_WO.translation).T
+        self.obstacles[Box.HALF, where] = half.T
         if twist is None:
-            self._boxes[Box.LINEAR, where] = self._boxes[Box.ANGULAR, where] = 0.0
+            self.obstacles[Box.LINEAR, where] = self.obstacles[Box.ANGULAR, where] = 0.0
             return
         v = np.asarray(twist, dtype=float)
         if v.shape != (6,) or not np.all(np.isfinite(v)):
             raise InvalidValue("twist", v.tolist(), "six finite numbers")
-        self._boxes[Box.LINEAR, where] = (v[:3] + np.cross(v[3:], offset)).T
-        self._boxes[Box.ANGULAR, where] = v[3:, None]
+        self.obstacles[Box.LINEAR, where] = (v[:3] + np.cross(v[3:], offset)).T
+        self.obstacles[Box.ANGULAR, where] = v[3:, None]
 
     def hand_may_touch(self, *names: str) -> None:
         """Let the hand touch these obstacles, such as one it is about to grasp, and no others; raise `UnknownName`."""
-        self._boxes[Box.HAND_MAY_TOUCH] = 0.0
+        self.obstacles[Box.HAND_MAY_TOUCH] = 0.0
         for name in names:
-            self._boxes[Box.HAND_MAY_TOUCH, self._slot(name)[0]] = 1.0
+            self.obstacles[Box.HAND_MAY_TOUCH, self._slot(name)[0]] = 1.0
 
     def rows(self, q: Array, lowest: Array, highest: Array, most: int) -> DistanceRows:
         """Return the rows that can matter at this tick, at most ``most`` of them, those in greatest need.

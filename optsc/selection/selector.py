@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, isfinite, sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,6 +48,26 @@ def _solver(robot: RobotModel) -> SolveIk:
     return solve
 
 
+class SelectorState(NamedTuple):
+    """What a selector remembers; a value, so that keeping it is all that it takes to come back to it.
+
+    Attributes:
+        grid: the reach table in use, laid out for ranking; None before a scene was observed.
+        clear: the collision check of that scene.
+        vetoed: grasps that are not offered, as pairs of object name and grasp index.
+        filters: those in force: the selector's own, and the vetoes.
+        viewpoint: what the newest ranking is made for.
+        ranking: the newest ranking of a usable hand pose, None before.
+    """
+
+    grid: Grid | None = None
+    clear: ClearRows | None = None
+    vetoed: frozenset[tuple[str, int]] = frozenset()
+    filters: tuple[GraspFilter, ...] = ()
+    viewpoint: Viewpoint | None = None
+    ranking: Ranking | None = None
+
+
 class GraspSelector:
     """Ranks the grasps of every object for the pose of the hand.
 
@@ -65,9 +85,8 @@ class GraspSelector:
         rule: how candidates are ranked.
         filters: which candidates may be ranked, besides reachability and the operator's vetoes.
         hysteresis: how far hand and arm move before the ranking takes notice; None for at once.
-        vetoed: grasps that are not offered, as pairs of object name and grasp index.
+        state: all that observing, ranking and vetoing change.
         candidates, table: what was observed last, and its reach table; None before.
-        ranking: the newest ranking of a usable hand pose, None before.
     """
 
     def __init__(
@@ -120,36 +139,35 @@ class GraspSelector:
             solve, motion = _solver(robot), motion or StraightMotion(robot, speed, angular_speed)
         self.robot, self.filters, self.hysteresis = robot, tuple(filters), hysteresis
         self.rule: Rule = Cascade.paper() if rule is None else rule
-        self.ranking: Ranking | None = None
-        self._manipulability, self._solve, self._standoff = manipulability, solve, standoff
+        self._solve, self._standoff = solve, standoff
         self._refresh_angle, self._refresh_limit = refresh_angle, refresh_limit
         self._motion = motion
-        self._columns = needed((*self.rule.costs, *self.filters))
-        self._clear: ClearRows | None = None
-        self._grid: Grid | None = None
-        self.forget()
+        self.rank_by(self.rule, manipulability)
+        self.state = SelectorState(filters=self.filters)
+
+    def rank_by(self, rule: Rule, manipulability: ManipulabilityMeasure) -> None:
+        """Rank by another rule and definition of M from now on; tables are solved with it from the next scene on."""
+        self.rule, self._manipulability = rule, manipulability
+        self._columns = needed((*rule.costs, *self.filters))
 
     def forget(self) -> None:
-        """Start anew: without vetoes, and with the next hand pose as if it were the first."""
-        self.vetoed: frozenset[tuple[str, int]] = frozenset()
-        self._in_force = self.filters
-        self._viewpoint: Viewpoint | None = None
-        self.ranking = None
+        """Start again: without vetoes, and with the next hand pose as if it were the first."""
+        self.state = SelectorState(self.state.grid, self.state.clear, filters=self.filters)
 
     def veto(self, object_name: str, grasp_index: int) -> None:
         """Offer this grasp no more, until `forget`."""
-        self.vetoed |= {(object_name, int(grasp_index))}
-        self._in_force = (*self.filters, Vetoed(self.vetoed))
+        vetoed = self.state.vetoed | {(object_name, int(grasp_index))}
+        self.state = self.state._replace(vetoed=vetoed, filters=(*self.filters, Vetoed(vetoed)))
 
     @property
     def table(self) -> ReachTable | None:
         """The reach table in use."""
-        return None if self._grid is None else self._grid.table
+        return None if self.state.grid is None else self.state.grid.table
 
     @property
     def candidates(self) -> Candidates | None:
         """The candidates in use."""
-        return None if self._grid is None else self._grid.table.candidates
+        return None if self.state.grid is None else self.state.grid.table.candidates
 
     def observe(
         self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None, reuse: bool = True
@@ -187,7 +205,7 @@ class GraspSelector:
         """
         if missing := self._columns - set(table.columns):
             raise InvalidValue("columns of the table", sorted(table.columns), f"also {sorted(missing)}")
-        self._grid, self._clear = Grid(table), clear
+        self.state = self.state._replace(grid=Grid(table), clear=clear)
 
     def rank(
         self,
@@ -214,23 +232,26 @@ class GraspSelector:
                 self.observe(candidates, q)
             except InvalidValue as error:
                 reason = f"the candidates cannot be used: {error}"
-        if reason or self._grid is None:
+        last = self.state
+        if reason or last.grid is None:
             reason = reason or "no candidates were observed"
-            return Ranking.empty(reason) if self.ranking is None else replace(self.ranking, reason=reason)
-        posture = np.array(q, dtype=float)
+            return Ranking.empty(reason) if last.ranking is None else replace(last.ranking, reason=reason)
+        configuration = np.array(q, dtype=float)
         w, x, y, z = X_WT.quaternion.tolist()
         quaternion = X_WT.quaternion / sqrt(w * w + x * x + y * y + z * z)
         budget = self._refresh_limit if refresh_limit is None else refresh_limit
-        viewpoint = Viewpoint(quaternion, X_WT.translation, posture)
+        viewpoint = Viewpoint(quaternion, X_WT.translation, configuration)
         if self.hysteresis is not None:
-            viewpoint = self.hysteresis.dragged(self._viewpoint, viewpoint)
-        inputs = RankingInputs(self._grid, self.rule, self._in_force, *viewpoint)
-        if self.ranking is None or viewpoint is not self._viewpoint or not self.ranking.follows_from(inputs):
-            self.ranking, self._viewpoint = self._ranked(inputs, budget, refresh_limit is not None), viewpoint
-        return self.ranking
+            viewpoint = self.hysteresis.dragged(last.viewpoint, viewpoint)
+        inputs = RankingInputs(last.grid, self.rule, last.filters, *viewpoint)
+        if last.ranking is not None and viewpoint is last.viewpoint and last.ranking.follows_from(inputs):
+            return last.ranking
+        grid, ranking = self._ranked(inputs, budget, refresh_limit is not None)
+        self.state = last._replace(grid=grid, viewpoint=viewpoint, ranking=ranking)
+        return ranking
 
-    def _ranked(self, inputs: RankingInputs, budget: int, thorough: bool) -> Ranking:
-        """Decide, solve the finalists' outdated rows anew and decide again: once, or while the budget lasts.
+    def _ranked(self, inputs: RankingInputs, budget: int, thorough: bool) -> tuple[Grid, Ranking]:
+        """Return the grid and the ranking; finalists' outdated rows are solved again: once, or within the budget.
 
         Every round has its price, so at an ordinary tick there is one, and the next ticks catch up.
         """
@@ -238,9 +259,9 @@ class GraspSelector:
             decision = decide(inputs)
             rows = self._outdated(decision.situation, decision.selection.finalists(FINALISTS))
             if not len(rows) or budget <= 0:
-                return Ranking.of_decision(decision, stale=len(rows) > 0)
+                return inputs.grid, Ranking.of_decision(decision, stale=len(rows) > 0)
             grid = inputs.grid.with_table(self._refreshed(inputs.grid.table, rows[:budget], inputs.q))
-            self._grid, inputs = grid, inputs._replace(grid=grid)
+            inputs = inputs._replace(grid=grid)
             budget = budget - len(rows) if thorough else 0
 
     def _outdated(self, situation: Situation, places: np.ndarray) -> np.ndarray:
@@ -265,7 +286,7 @@ class GraspSelector:
             robot=self.robot,
             solve=self._solve,
             manipulability=self._manipulability,
-            clear=self._clear,
+            clear=self.state.clear,
             motion=self._motion,
         )
 
@@ -275,14 +296,15 @@ class GraspSelector:
         For idle time: it also gives another chance to rows that collided, or were not reached, from where
         the arm stood before. Raises `InvalidValue` for a posture that is not finite.
         """
-        if self._grid is None:
+        grid = self.state.grid
+        if grid is None:
             return 0
         posture = np.asarray(q, dtype=float)
-        gap = np.abs(self._grid.seeds - posture).max(axis=1, initial=0.0)
+        gap = np.abs(grid.seeds - posture).max(axis=1, initial=0.0)
         oldest = np.argsort(-gap, kind="stable")[:limit]
         rows = oldest[gap[oldest] > self._refresh_angle]
         if len(rows):
-            self._grid = self._grid.with_table(self._refreshed(self._grid.table, rows, posture))
+            self.state = self.state._replace(grid=grid.with_table(self._refreshed(grid.table, rows, posture)))
         return len(rows)
 
 

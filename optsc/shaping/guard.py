@@ -1,8 +1,9 @@
 """The joint guard: every commanded joint motion passes it, and none leaves it that breaks a limit.
 
-It owns the commanded state (q, v, a). A wanted velocity inside the viable interval passes through unchanged. One
-outside is approached with Ruckig's time-optimal, jerk-limited profile, so that it is reached without overshoot. The
-free edition of Ruckig knows no position limits: the viable interval brakes before them, and has the last word.
+The commanded state (q, v, a) lies in memory of the caller's. A wanted velocity inside the viable interval passes
+through unchanged. One outside is approached with Ruckig's time-optimal, jerk-limited profile, so that it is reached
+without overshoot. The free edition of Ruckig knows no position limits: the viable interval brakes before them, and has
+the last word.
 """
 
 from __future__ import annotations
@@ -31,9 +32,19 @@ class JointState(NamedTuple):
 
 
 class JointGuard:
-    """Keeps position, velocity, acceleration and jerk limits at every tick of ``period`` [s]."""
+    """Keeps position, velocity, acceleration and jerk limits at every tick of ``period`` [s].
 
-    def __init__(self, limits: JointLimits, period: float) -> None:
+    Args:
+        limits: of the joints.
+        period: of a tick [s].
+        state: where the commanded positions, velocities and accelerations (n, 3) are kept, column-major; memory of
+            its own by default. Whoever writes there calls `refresh`.
+
+    Raises:
+        InvalidValue: a period that is not positive, or a state of another shape.
+    """
+
+    def __init__(self, limits: JointLimits, period: float, state: Array | None = None) -> None:
         if not (np.isfinite(period) and period > 0):
             raise InvalidValue("period", period, "positive [s]")
         from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
@@ -41,6 +52,8 @@ class JointGuard:
         n = len(limits)
         self.period = period
         self._kernel = build_kernel(viable_interval(n))
+        if state is not None:
+            self._kernel.bind(0, state)
         self._state, self._limit_columns, tick = self._kernel.inputs
         tick[:] = period
         self.lowest, self.highest, self.bounds, self._outside = self._kernel.outputs
@@ -70,7 +83,12 @@ class JointGuard:
         """
         if len(limits) != len(self.limits):
             raise InvalidValue("number of joints of the limits", len(limits), str(len(self.limits)))
-        self._write(limits)
+        self.refresh(limits)
+
+    def refresh(self, limits: JointLimits) -> None:
+        """Work the viable interval out again, after the state was written from outside or with other limits."""
+        if limits is not self.limits:
+            self._write(limits)
         self._kernel.run()
 
     @property

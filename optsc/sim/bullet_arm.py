@@ -68,10 +68,10 @@ class BulletArm:
                 lower, upper = float(limits.lower[i]), float(limits.upper[i])
                 pybullet.changeDynamics(self.body, index, jointLowerLimit=lower, jointUpperLimit=upper, **arm)
 
-    def place(self, q: Sequence[float], opening: float) -> None:
-        """Put the joints at ``q`` (n,) [rad] and the pads ``opening`` [m] apart, all at rest, at once."""
-        for index, value in zip(self._joints, q, strict=True):
-            pybullet.resetJointState(self.body, index, value, 0.0, physicsClientId=self._client)
+    def place(self, q: Sequence[float], v: Sequence[float], opening: float) -> None:
+        """Put the joints at ``q`` (n,) [rad] with velocities ``v`` (n,) [rad/s], and the pads ``opening`` [m] apart."""
+        for index, value, speed in zip(self._joints, q, v, strict=True):
+            pybullet.resetJointState(self.body, index, value, speed, physicsClientId=self._client)
         for index in self.fingers:
             pybullet.resetJointState(self.body, index, 0.5 * opening, 0.0, physicsClientId=self._client)
 

@@ -194,7 +194,7 @@ class DepthCamera(BulletClient):
         for name in X_WO:
             if name not in self._objects:
                 raise UnknownName("object", name, self._objects)
-        self._arm.place(configuration.tolist(), opening)
+        self._arm.place(configuration.tolist(), [0.0] * len(configuration), opening)
         for name, pose in X_WO.items():
             body, X_OM = self._objects[name]
             place_body(client, body, pose @ X_OM)

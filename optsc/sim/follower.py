@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.errors import Closed, InvalidValue, UnknownName
-from optsc.followers.protocol import FollowerState, checked_command, one_posture
+from optsc.followers.protocol import FollowerState, checked_command, one_configuration
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
@@ -65,10 +65,20 @@ class PyBulletFollower:
         The same commands give the same bytes after every reset and in every new follower.
         Raises `InvalidValue`.
         """
-        physics, configuration = self.physics, one_posture(self.robot, q)
+        physics, configuration = self.physics, one_configuration(self.robot, q)
         physics.reset(configuration)
         self._last = self._at_rest(configuration)
         return self.state()
+
+    def at(self, state: FollowerState) -> PyBulletFollower:
+        """Put the arm where ``state`` says, and return the follower; the objects stay, see `Follower.at`.
+
+        Raises `InvalidValue` for a state of another arm.
+        """
+        q, v = one_configuration(self.robot, state.q), one_configuration(self.robot, state.v, "v")
+        self.physics.place(q, v, state.opening, state.time)
+        self._last = q, v
+        return self
 
     def apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
         """Simulate one control period, see `Follower.apply`.

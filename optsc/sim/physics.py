@@ -87,8 +87,18 @@ class Physics(BulletClient):
         pybullet.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 0, physicsClientId=self.client)
         self._build()
         pybullet.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 1, physicsClientId=self.client)
-        self._arm.place(configuration.tolist(), robot.gripper.max_opening if robot.gripper else 0.0)
+        opening = robot.gripper.max_opening if robot.gripper else 0.0
+        self._arm.place(configuration.tolist(), [0.0] * robot.n, opening)
         self._steps = 0
+
+    def place(self, q: Array, v: Array, opening: float, time: float) -> None:
+        """Put the arm at ``q`` (n,) [rad] with velocity ``v`` (n,) [rad/s], its pads ``opening`` [m] apart.
+
+        The objects stay where they are; simulated time goes on from ``time`` [s].
+        """
+        _ = self.client
+        self._arm.place(q.tolist(), v.tolist(), opening)
+        self._steps = round(time / self.settings.time_step)
 
     def step(self, q: Sequence[float], v: Sequence[float], opening: float) -> None:
         """Simulate one time step. Values are trusted: plain floats, since PyBullet misreads some arrays.

@@ -30,7 +30,6 @@ from .episode_setup import FOLLOWERS as FOLLOWERS
 from .episode_setup import EpisodeSettings as EpisodeSettings
 from .episode_setup import EpisodeSetup as EpisodeSetup
 from .episode_setup import episode_key as episode_key
-from .fresh import FreshSelector as FreshSelector
 from .libraries import library_of as library_of
 from .outcomes import Row as Row
 from .outcomes import do as do
@@ -46,6 +45,7 @@ from .scenes import random_scene as random_scene
 from .scenes import scene_set as scene_set
 from .soak import Soak as Soak
 from .stability import Stability as Stability
+from .stateless_selector import StatelessSelector as StatelessSelector
 from .statistics import Interval as Interval
 from .statistics import PairedDifference as PairedDifference
 from .statistics import averages as averages

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optsc.control.rollout import BRISK
+from optsc.control.path_feasibility import SPEED_LIMIT_SHARE
 from optsc.robot.manipulability import DEFINITIONS
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition, OperatorSpec
 from optsc.study.engine import Engine
@@ -205,7 +205,7 @@ def _why(pair: StrategyPair, parts: dict[str, float]) -> str:
         return "the way is not longer and takes no longer, but the tool turns more"
     if "quicker" in parts:
         # The time law of a way that is neither longer nor turns more takes no longer: the arm was behind it.
-        if paper["velocity_share"] > BRISK:
+        if paper["velocity_share"] > SPEED_LIMIT_SHARE:
             return "neither longer nor turning more, but a joint came near its greatest speed, and the arm fell behind"
         return "neither longer nor turning more, but the arm took longer to settle where its paths end"
     return "not longer, but less smooth by a measure that weighs how motion starts and stops"

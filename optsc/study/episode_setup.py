@@ -29,9 +29,9 @@ from optsc.selection import GraspClearance, GraspSelector
 from optsc.sim import OBJECT_NAMES, ObjectModel, Tabletop, object_model
 from optsc.study.conditions import PAPER, Condition, OperatorSpec
 from optsc.study.fingerprint import fingerprint, plain
-from optsc.study.fresh import FreshSelector, Tables
 from optsc.study.libraries import grasps_hash, library_of
 from optsc.study.scenes import Scene
+from optsc.study.stateless_selector import StatelessSelector, Tables
 
 if TYPE_CHECKING:
     from optsc.sim.follower import PyBulletFollower
@@ -128,7 +128,7 @@ class EpisodeSetup:
     ) -> SharedController:
         """Return a controller for ``condition``, with solved tables of its own unless given some."""
         approach = self.settings.approach
-        selector = FreshSelector(self.robot, condition.rule, condition.measure, approach, tables)
+        selector = StatelessSelector(self.robot, condition.rule, condition.measure, approach, tables)
         return controller_with(selector, approach, arbitration)
 
     def follower(self, *, gui: bool = False) -> IdealFollower | PyBulletFollower:

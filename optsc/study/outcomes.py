@@ -17,8 +17,8 @@ from optsc.study.conditions import DEFAULT_MEASURE, Condition, measure
 from optsc.study.engine import Choice, Engine
 from optsc.study.episode_setup import nearest_distance
 from optsc.study.fingerprint import fingerprint
-from optsc.study.leading import ARRIVED
-from optsc.study.tracks import Track
+from optsc.study.manual_phase import ARRIVED
+from optsc.study.motion_recorder import MotionRecorder
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -71,7 +71,7 @@ def do(job: Job[Condition]) -> list[Row]:
 def rows(engine: Engine, conditions: Sequence[Condition]) -> list[Row]:
     """Return one row for each condition."""
     measured: dict[tuple[int, int, bool], Row] = {}
-    nearest = nearest_distance(engine.stage)
+    nearest = nearest_distance(engine.setup)
     result = []
     for condition, choice in zip(conditions, engine.choices(conditions), strict=True):
         row: Row = {"key": fingerprint([engine.key, condition.key])}
@@ -81,8 +81,8 @@ def rows(engine: Engine, conditions: Sequence[Condition]) -> list[Row]:
             target = choice.target
             place = (choice.hand_over, target.candidate, target.half_turn)
             if place not in measured:
-                track, ended, lifted = engine.motion(condition, choice)
-                measured[place] = _measured(engine, choice, track, ended, lifted, nearest)
+                recorder, ended, lifted = engine.motion(condition, choice)
+                measured[place] = _measured(engine, choice, recorder, ended, lifted, nearest)
             row.update(measured[place])
             row["target_manipulability"] = target.manipulability
             row["target_place"] = choice.place
@@ -104,20 +104,25 @@ def _nothing(why: str) -> Row:
 
 
 def _measured(
-    engine: Engine, choice: Choice, track: Track, ended: str, lifted: bool | None, nearest: NearestDistance
+    engine: Engine,
+    choice: Choice,
+    recorder: MotionRecorder,
+    ended: str,
+    lifted: bool | None,
+    nearest: NearestDistance,
 ) -> Row:
     """Return what is the same for every condition that chose the same target."""
-    target, robot, motion = choice.target, engine.stage.robot, track.motion()
+    target, robot, motion = choice.target, engine.setup.robot, recorder.motion()
     hand_over = engine.hand_over(choice.hand_over)
     begin = motion.modes.index(Mode.APPROACH.value) if Mode.APPROACH.value in motion.modes else len(motion)
     end = len(motion) - 1 if ended == ARRIVED else len(motion)
     row = _nothing(ended)
     row.update(
-        reason=track.reason,
+        reason=recorder.reason,
         object=target.object_name,
         half_turn=target.half_turn,
         arrived=ended == ARRIVED,
-        success=ended == ARRIVED and target.object_name == engine.stage.scene.goal and lifted is not False,
+        success=ended == ARRIVED and target.object_name == engine.setup.scene.goal and lifted is not False,
         hand_over=choice.hand_over,
         grasp=target.grasp_index,
         candidate=target.candidate,
@@ -138,5 +143,5 @@ def _measured(
 
 
 def _yoshikawa(engine: Engine, choice: Choice) -> float:
-    value = measure(DEFAULT_MEASURE).evaluate(engine.stage.robot, choice.target.q)
+    value = measure(DEFAULT_MEASURE).evaluate(engine.setup.robot, choice.target.q)
     return float(value)

@@ -47,7 +47,7 @@ def approach_paths(
     engine, found = Engine(scene, person, settings), []
     for condition, choice in zip(conditions, engine.choices(conditions), strict=True):
         if choice is not None:
-            motion = engine.motion(condition, choice).track.motion()
+            motion = engine.motion(condition, choice).motion.motion()
             found.append(tool_path(condition.name, motion, choice.target.X_WG))
     return found
 

@@ -5,7 +5,7 @@ import pytest
 
 import optsc
 from optsc.control.approach import Approach, PathTarget
-from optsc.control.fine_tuning import FineTuning, Scene, Shift, Tuner, hand_nudge, nudged, untouched
+from optsc.control.fine_tuning import FineTuning, Shift, Tuning, TuningScene, hand_nudge, nudged, untouched
 from optsc.control.modes import Event, Mode
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
@@ -28,7 +28,7 @@ def target_of(robot, clear=None):
     candidates = scene(PLACE)
     selector.observe(candidates, robot.home, clear=clear)
     X_WT = Pose(DOWN, np.array(PLACE["thing"]) + [0, 0, 0.1])
-    return Scene(robot, Approach(), candidates, clear), selector.rank(X_WT, robot.home).target()
+    return TuningScene(robot, Approach(), candidates, clear), selector.rank(X_WT, robot.home).target()
 
 
 def test_a_nudge_moves_grasp_and_pregrasp_in_the_grippers_own_frame_scaled(robot):
@@ -94,26 +94,28 @@ def test_the_motion_of_a_hand_is_told_in_the_grippers_frame():
 def test_a_path_is_shifted_no_faster_than_its_speed_and_ends_where_it_was_led():
     shift = Shift((0.05, 0.25))
     turn = tuple(rotation.exp([0, 0, 0.05]))
-    shift.lead(((0, 0, 0), (1, 0, 0, 0)), ((0.01, 0, 0), turn))
+    shift = shift.led(((0, 0, 0), (1, 0, 0, 0)), ((0.01, 0, 0), turn))
     still = PathTarget((1, 2, 3), (1, 0, 0, 0), *((0.0, 0.0, 0.0),) * 4)
-    places = [shift.applied(still, PERIOD) for _ in range(101)]
+    places = []
+    for _ in range(101):
+        shift, place = shift.applied(still, PERIOD)
+        places.append(place)
     np.testing.assert_allclose(np.diff([x.p[0] for x in places])[:98], 0.05 * PERIOD, rtol=1e-9)
     assert places[50].v == pytest.approx((0.05, 0, 0))
     assert places[50].w == pytest.approx((0, 0, 0.25))
     assert not shift.moving
     np.testing.assert_allclose((*places[-1].p, *places[-1].q), (1.01, 2, 3, *turn))
-    assert shift.applied(still, PERIOD).v == (0, 0, 0)
+    assert shift.applied(still, PERIOD)[1].v == (0, 0, 0)
 
 
-def test_a_tuner_checks_what_was_collected_when_it_is_time(robot):
+def test_nudges_are_checked_together_when_it_is_time(robot):
     where, target = target_of(robot)
-    tuner = Tuner(SETTINGS, where, target, 0.0)
-    tuner.push((0.01, 0, 0, 0, 0, 0))
-    tuner.push((0.01, 0, 0, 0, 0, 0))
-    assert tuner.settle(0.01) == ""
-    assert tuner.tuned.target is target
-    tuner.settle(0.02)
-    moved = (target.X_WG.inverse() @ tuner.tuned.target.X_WG).translation
+    tuning = Tuning(SETTINGS, where, untouched(target), 0.0)
+    tuning = tuning.pushed((0.01, 0, 0, 0, 0, 0)).pushed((0.01, 0, 0, 0, 0, 0))
+    assert tuning.settled(0.01) == (tuning, "")
+    tuning, reason = tuning.settled(0.02)
+    assert reason == ""
+    moved = (target.X_WG.inverse() @ tuning.tuned.target.X_WG).translation
     np.testing.assert_allclose(moved, [0.006, 0, 0], atol=1e-12)
 
 

@@ -58,9 +58,8 @@ def test_the_cost_equals_its_formula(name):
     for _ in range(10):
         q, posture = robot.random_configuration(rng), robot.random_configuration(rng)
         reference, twist = robot.forward(q + 0.05 * rng.normal(size=robot.n)), rng.normal(size=6)
-        ik.prefer(posture)
         H, g, error = expected_cost(robot, settings, q, reference, twist, posture)
-        step = ik.solve(still(q), row(reference), twist, *wide(robot))
+        step = ik.solve(still(q), row(reference), twist, posture, *wide(robot))
         np.testing.assert_allclose(step.error, error, atol=1e-9)
         np.testing.assert_allclose(H @ step.velocity, -g, atol=1e-6)
         J = robot.jacobian(q)
@@ -118,9 +117,8 @@ def test_the_module_writes_the_program_that_is_solved(name):
             s = np.maximum(rows.lower - rows.matrix @ x, 0.0)
             return sum(eval(term, known | {"x": x, "s": s}) for term in terms)
 
-        ik.prefer(q_p)
         lowest, highest = -0.5 * np.ones(robot.n), 0.5 * np.ones(robot.n)
-        x = ik.solve((q, v, a), row(X_goal), twist, lowest, highest, rows).velocity
+        x = ik.solve((q, v, a), row(X_goal), twist, q_p, lowest, highest, rows).velocity
         smooth = known | {"s": np.zeros(3)}
         for other in rng.uniform(lowest, highest, (50, robot.n)):
             written = [
@@ -145,7 +143,9 @@ def test_the_answer_does_not_depend_on_the_period():
     q = robot.home
     reference, twist = robot.forward(q + 0.01), np.array([0.1, 0, 0, 0, 0.1, 0])
     answers = [
-        DifferentialIK(robot, period, CALM()).solve(still(q), row(reference), twist, *wide(robot)).velocity
+        DifferentialIK(robot, period, CALM())
+        .solve(still(q), row(reference), twist, robot.home, *wide(robot))
+        .velocity
         for period in (1e-3, 4e-3)
     ]
     np.testing.assert_allclose(*answers, atol=1e-12)
@@ -156,7 +156,7 @@ def test_a_zero_weight_leaves_that_direction_of_the_tool_free():
     q = robot.home
     roll = DifferentialIK(robot, PERIOD, CALM(orientation_weight=(0.3, 0.3, 0.0)))
     reference = robot.forward(q + np.array([0, 0, 0, 0, 0, 0, 0.1]))  # a pure roll of the tool
-    step = roll.solve(still(q), row(reference), np.zeros(6), *wide(robot))
+    step = roll.solve(still(q), row(reference), np.zeros(6), robot.home, *wide(robot))
     assert abs(step.error[5]) == pytest.approx(0.1, abs=1e-6)
     np.testing.assert_allclose(robot.jacobian(q) @ step.velocity, 0, atol=1e-3)
 
@@ -172,7 +172,7 @@ def test_a_dead_band_leaves_its_direction_free_and_is_exact(band):
         target = np.concatenate([start.translation + distance * z, start.quaternion])
         q = robot.home.copy()
         for _ in range(800):
-            q = q + PERIOD * ik.solve(still(q), target, np.zeros(6), *wide(robot)).velocity
+            q = q + PERIOD * ik.solve(still(q), target, np.zeros(6), robot.home, *wide(robot)).velocity
         return z @ (robot.forward(q).translation - start.translation)
 
     assert abs(end_for(0.5 * band)) < 0.01 * band + 1e-6
@@ -186,7 +186,13 @@ def test_a_rotation_within_its_dead_band_is_not_followed():
     for turn, followed in ((0.2, 0.0), (0.5, 0.2)):
         q, ahead = robot.home.copy(), robot.home + turn * np.eye(7)[6]
         for _ in range(800):
-            q = q + PERIOD * ik.solve(still(q), row(robot.forward(ahead)), np.zeros(6), *wide(robot)).velocity
+            q = (
+                q
+                + PERIOD
+                * ik.solve(
+                    still(q), row(robot.forward(ahead)), np.zeros(6), robot.home, *wide(robot)
+                ).velocity
+            )
         left = pinocchio.log3(
             robot.forward(q).rotation_matrix().T @ robot.forward(robot.home).rotation_matrix()
         )
@@ -196,8 +202,8 @@ def test_a_rotation_within_its_dead_band_is_not_followed():
 def test_spare_motion_goes_to_the_posture_and_does_not_move_the_tool():
     robot = load_robot("panda")
     ik = DifferentialIK(robot, PERIOD, CALM())
-    ik.prefer(robot.home + 0.3 * np.eye(7)[0])
-    step = ik.solve(still(robot.home), row(robot.forward(robot.home)), np.zeros(6), *wide(robot))
+    preferred = robot.home + 0.3 * np.eye(7)[0]
+    step = ik.solve(still(robot.home), row(robot.forward(robot.home)), np.zeros(6), preferred, *wide(robot))
     assert step.velocity[0] > 0.01
     assert np.linalg.norm((robot.jacobian(robot.home) @ step.velocity)[:3]) < 5e-3
 
@@ -209,10 +215,9 @@ def test_spare_motion_climbs_the_manipulability_and_does_not_move_the_tool():
     ends = []
     for gain in (0.0, 20.0):
         ik = DifferentialIK(robot, PERIOD, CALM(manipulability_gain=gain, posture_gain=0.1))
-        ik.prefer(q)
         posture = q.copy()
         for _ in range(1000):
-            posture = posture + PERIOD * ik.solve(still(posture), X, np.zeros(6), *wide(robot)).velocity
+            posture = posture + PERIOD * ik.solve(still(posture), X, np.zeros(6), q, *wide(robot)).velocity
         ends.append(float(M.evaluate(robot, posture)))
         assert np.linalg.norm(robot.forward(posture).translation - robot.forward(q).translation) < 2e-3
     assert ends[1] > ends[0] + 5e-4
@@ -222,7 +227,9 @@ def test_bounds_are_kept():
     robot = load_robot("ur5")
     ik = DifferentialIK(robot, PERIOD, CALM())
     reference = robot.forward(robot.home + 0.3)
-    step = ik.solve(still(robot.home), row(reference), np.zeros(6), np.full(6, -0.05), np.full(6, 0.05))
+    step = ik.solve(
+        still(robot.home), row(reference), np.zeros(6), robot.home, np.full(6, -0.05), np.full(6, 0.05)
+    )
     assert np.all(np.abs(step.velocity) <= 0.05 + 1e-9)
 
 
@@ -247,11 +254,11 @@ def test_the_smoothness_task_equals_its_formula(period):
     target, twist = row(robot.forward(q + 0.01)), rng.normal(size=6)
     z = np.exp(-period / 5e-3)
     w, share = 0.0625 * (2 * z - z * z) / (1 - z) ** 2, z / (2 - z)
-    free = plain.solve((q, v, a), target, twist, *wide(robot))
+    free = plain.solve((q, v, a), target, twist, robot.home, *wide(robot))
     H = np.array(plain._H)
     expected = np.linalg.solve(H + w * np.eye(7), H @ free.velocity + w * (v + share * period * a))
     np.testing.assert_allclose(
-        smooth.solve((q, v, a), target, twist, *wide(robot)).velocity, expected, atol=1e-6
+        smooth.solve((q, v, a), target, twist, robot.home, *wide(robot)).velocity, expected, atol=1e-6
     )
 
 
@@ -262,7 +269,7 @@ def test_the_smoothness_task_fades_alike_at_every_rate():
         ik = DifferentialIK(robot, period, IkSettings(gain=0.0, braking=(1e-9, 1e-9)))
         q, v, a = robot.home, np.full(7, 0.1), np.zeros(7)
         for _ in range(round(0.02 / period)):
-            new = ik.solve((q, v, a), target, np.zeros(6), *wide(robot)).velocity
+            new = ik.solve((q, v, a), target, np.zeros(6), robot.home, *wide(robot)).velocity
             v, a = new, (new - v) / period
         ends.append(np.linalg.norm(v))
     assert ends[0] == pytest.approx(ends[1], rel=0.15)

@@ -66,7 +66,7 @@ def test_a_hand_that_trembles_within_the_dead_zone_never_changes_the_choice():
     for _ in range(30):
         X = random_hand(rng)
         first = [one.rank(X, q).chosen for one in (steady, at_once)]
-        centre = Pose(steady._viewpoint.quaternion, steady._viewpoint.position)
+        centre = Pose(steady.state.viewpoint.quaternion, steady.state.viewpoint.position)
         for _ in range(20):
             trembling = nudged(rng, centre, 0.9 * ZONE.position, 0.9 * ZONE.angle)
             changes[True] += steady.rank(trembling, q).chosen != first[0]

@@ -10,7 +10,7 @@ import pytest
 from selection_cases import JOINTS, ROBOT, SmoothMeasure, random_candidates, random_hand, solve_all, table_of
 
 from optsc.control.approach import Approach
-from optsc.control.rollout import can_travel, which_can_travel
+from optsc.control.path_feasibility import can_travel, which_can_travel
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.grasps import Candidates

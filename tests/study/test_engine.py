@@ -36,7 +36,7 @@ def engine(request):
 
 def plain_run(engine, condition):
     """The same episode without anything shared."""
-    stage = EpisodeSetup(engine.stage.scene, SETTINGS)
+    stage = EpisodeSetup(engine.setup.scene, SETTINGS)
     return run(
         stage.controller(condition),
         operator=engine.person.operator(stage.scene.goal, stage.scene.objects),
@@ -51,8 +51,8 @@ def plain_run(engine, condition):
 @pytest.mark.parametrize("condition", [PAPER, MANIPULABILITY_ONLY, POSES], ids=lambda c: c.name)
 def test_a_condition_by_itself_in_a_plain_run_moves_the_same_to_the_last_bit(engine, condition):
     (choice,) = engine.choices([condition])
-    track, ended, _ = engine.motion(condition, choice)
-    shared, plain = track.motion(), plain_run(engine, condition)
+    recorder, ended, _ = engine.motion(condition, choice)
+    shared, plain = recorder.motion(), plain_run(engine, condition)
     count = len(shared)
     assert ended == "arrived"
     assert shared.modes == tuple(mode.value for mode in plain.modes[:count])
@@ -61,13 +61,13 @@ def test_a_condition_by_itself_in_a_plain_run_moves_the_same_to_the_last_bit(eng
     begin = shared.modes.index(Mode.APPROACH.value)
     assert plain[begin].step.target.candidate == choice.target.candidate
     assert np.array_equal(plain[begin].step.target.q, choice.target.q)
-    whole = Motion.of_run(plain, engine.stage.robot)
+    whole = Motion.of_run(plain, engine.setup.robot)
     assert np.array_equal(whole.hand.p[: len(shared.hand.p)], shared.hand.p)
 
 
 def test_a_row_does_not_depend_on_what_else_was_computed(engine):
     together = rows(engine, CONDITIONS)
-    scene, person = engine.stage.scene, engine.person
+    scene, person = engine.setup.scene, engine.person
     alone = do(Job(scene, person, SETTINGS, (WEIGHTED,)))[0]
     assert repr(alone) == repr(together[3])
 
@@ -82,7 +82,7 @@ def test_each_distinct_target_is_executed_once(engine):
 
 
 def test_rows_have_keys_before_they_are_computed(engine):
-    job = Job(engine.stage.scene, engine.person, SETTINGS, CONDITIONS)
+    job = Job(engine.setup.scene, engine.person, SETTINGS, CONDITIONS)
     assert [row["key"] for row in rows(engine, CONDITIONS)] == job.keys()
     assert len(set(job.keys())) == len(CONDITIONS)
     assert all(np.isfinite([row[name] for name in MEASURED]).all() for row in rows(engine, CONDITIONS))
@@ -90,7 +90,7 @@ def test_rows_have_keys_before_they_are_computed(engine):
 
 def test_both_strategies_start_from_the_same_moment(engine):
     one, other = (
-        engine.motion(c, engine.choices([c])[0]).track.motion() for c in (PAPER, MANIPULABILITY_ONLY)
+        engine.motion(c, engine.choices([c])[0]).motion.motion() for c in (PAPER, MANIPULABILITY_ONLY)
     )
     begin = one.modes.index(Mode.APPROACH.value)
     assert other.modes.index(Mode.APPROACH.value) == begin
@@ -107,7 +107,7 @@ def test_whoever_refuses_waits_for_the_next_hand_over():
     if choice is None:
         assert starts == []
     else:
-        shared = engine.motion(PAPER, choice).track.motion()
+        shared = engine.motion(PAPER, choice).motion.motion()
         assert shared.modes.index(Mode.APPROACH.value) == starts[0]
         assert shared.q.tobytes() == plain.q[: len(shared)].tobytes()
 

@@ -1,16 +1,16 @@
-"""What an engine writes down at each tick: as little as measures and pictures need."""
+"""Motion recorder: of each tick as little as measures and pictures need."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from optsc.control.controller import ControlStep
 from optsc.metrics import HandMotion, Motion
 from optsc.operators import OperatorSample
+from optsc.records import Tick
 from optsc.robot import RobotModel
 
 
-class Track:
+class MotionRecorder:
     """Commands, modes and hand samples of the ticks so far, at ``rate`` [Hz]."""
 
     def __init__(self, robot: RobotModel, rate: float) -> None:
@@ -19,25 +19,26 @@ class Track:
         self._modes: list[str] = []
         self._samples: list[tuple[int, OperatorSample]] = []
         self.reason = ""
-        """What the controller said last, in words."""
+        """The last reason that the controller gave, in words."""
 
     def __len__(self) -> int:
         return len(self._modes)
 
-    def add(self, step: ControlStep, sample: OperatorSample | None) -> None:
-        """Write down one tick."""
+    def add(self, tick: Tick) -> None:
+        """Keep one tick."""
+        step, sample = tick.step, tick.sample
         if sample is not None:
             self._samples.append((len(self), sample))
         self._commands.append((step.command.q, step.command.v, step.command.a))
         self._modes.append(step.mode.value)
         self.reason = step.reason
 
-    def first(self, count: int) -> Track:
-        """Return the first ``count`` ticks as a track of its own, to go on from."""
-        track = Track(self.robot, self.rate)
-        track._commands, track._modes = self._commands[:count], self._modes[:count]
-        track._samples = [(tick, sample) for tick, sample in self._samples if tick < count]
-        return track
+    def first(self, count: int) -> MotionRecorder:
+        """Return the first ``count`` ticks as a recorder of its own, to go on from."""
+        recorder = MotionRecorder(self.robot, self.rate)
+        recorder._commands, recorder._modes = self._commands[:count], self._modes[:count]
+        recorder._samples = [(tick, sample) for tick, sample in self._samples if tick < count]
+        return recorder
 
     def motion(self) -> Motion:
         """Return everything as the arrays that measures are taken from."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optsc.control.approach import Approach
-from optsc.control.rollout import Outlook, best_way, outlook, whole_way
+from optsc.control.path_feasibility import PathFeasibility, grasp_path, grasp_path_feasibility, most_feasible
 from optsc.geometry import Pose
 from optsc.robot import load_robot
 from optsc.testing.loop import Loop, scene
@@ -29,44 +29,46 @@ def target(p, candidate=3):
 
 def ahead(robot, p, clear=None, **settings):
     home = robot.home
-    return outlook(robot, Approach(**settings), home, robot.forward(home), target(p), SEVERAL, clear)
+    return grasp_path_feasibility(
+        robot, Approach(**settings), home, robot.forward(home), target(p), SEVERAL, clear
+    )
 
 
-def test_a_free_way_comes_first_and_none_comes_of_ways_that_are_shut():
-    shut, touching, brisk, free = Outlook.SHUT, Outlook.TOUCHING, Outlook.BRISK, Outlook.FREE
+def test_a_free_way_comes_first_and_none_comes_of_ways_that_are_infeasible():
+    free, limited, colliding, infeasible = PathFeasibility
     for found, best in (
-        ([shut, touching, brisk, free, free], 3),
-        ([touching, brisk, touching, brisk], 1),
-        ([shut, touching, touching], 1),
-        ([shut, shut], None),
+        ([infeasible, colliding, limited, free, free], 3),
+        ([colliding, limited, colliding, limited], 1),
+        ([infeasible, colliding, colliding], 1),
+        ([infeasible, infeasible], None),
         ([], None),
     ):
-        assert best_way(range(len(found)), found.__getitem__) == best
+        assert most_feasible(range(len(found)), found.__getitem__) == best
 
 
 def test_what_comes_after_a_free_way_is_not_looked_at():
     looked = []
-    best_way([1, 2, 3], lambda item: looked.append(item) or Outlook.FREE)
+    most_feasible([1, 2, 3], lambda item: looked.append(item) or PathFeasibility.FREE)
     assert looked == [1]
 
 
 def test_the_lift_belongs_to_the_way():
     one = target([0.5, 0.1, 0.2])
-    _, before, at, up = whole_way(Approach(lift=0.12), Pose.identity(), one.X_WP, one.X_WG)
+    _, before, at, up = grasp_path(Approach(lift=0.12), Pose.identity(), one.X_WP, one.X_WG)
     assert (before, at) == (one.X_WP, one.X_WG)
     np.testing.assert_allclose(up.translation - at.translation, [0.0, 0.0, 0.12])
     np.testing.assert_array_equal(up.quaternion, at.quaternion)
 
 
-def test_a_grasp_from_which_the_arm_cannot_lift_is_shut(robot):
-    assert ahead(robot, [0.5, 0.0, 0.15]) is Outlook.FREE
-    assert ahead(robot, [0.5, 0.0, 0.15], lift=2.0) is Outlook.SHUT
-    assert ahead(robot, [1.5, 0.0, 0.15]) is Outlook.SHUT
+def test_a_grasp_from_which_the_arm_cannot_lift_is_infeasible(robot):
+    assert ahead(robot, [0.5, 0.0, 0.15]) is PathFeasibility.FREE
+    assert ahead(robot, [0.5, 0.0, 0.15], lift=2.0) is PathFeasibility.INFEASIBLE
+    assert ahead(robot, [1.5, 0.0, 0.15]) is PathFeasibility.INFEASIBLE
 
 
-def test_a_way_is_brisk_where_a_joint_comes_near_its_greatest_speed(robot):
+def test_a_way_is_limited_where_a_joint_comes_near_its_greatest_speed(robot):
     found = [ahead(robot, [0.5, 0.0, 0.15], speed=v, angular_speed=5.0 * v) for v in (0.1, 0.7, 2.0)]
-    assert found == [Outlook.FREE, Outlook.BRISK, Outlook.SHUT]
+    assert found == [PathFeasibility.FREE, PathFeasibility.SPEED_LIMITED, PathFeasibility.INFEASIBLE]
 
 
 def test_up_to_the_pregrasp_nothing_may_be_touched_and_then_nothing_but_the_object(robot):
@@ -77,7 +79,7 @@ def test_up_to_the_pregrasp_nothing_may_be_touched_and_then_nothing_but_the_obje
         asked.append((robot.forward(q_grasp), robot.forward(q_pregrasp), candidates))
         return np.ones(len(q_grasp), dtype=bool)
 
-    assert ahead(robot, [0.5, 0.0, 0.15], clear) is Outlook.FREE
+    assert ahead(robot, [0.5, 0.0, 0.15], clear) is PathFeasibility.FREE
     ((at, before, candidates),) = asked
     assert len(at) == len(before) == len(candidates)
     assert set(candidates.grasp_index.tolist()) == {3}
@@ -90,12 +92,12 @@ def test_up_to_the_pregrasp_nothing_may_be_touched_and_then_nothing_but_the_obje
 
 
 @pytest.mark.parametrize("leg", ["q_grasp", "q_pregrasp"])
-def test_a_single_posture_that_touches_makes_the_way_a_touching_one(robot, leg):
+def test_a_single_posture_that_touches_makes_the_way_a_colliding_one(robot, leg):
     def clear(q_grasp, q_pregrasp, candidates):
         heights = robot.forward({"q_grasp": q_grasp, "q_pregrasp": q_pregrasp}[leg]).translation[:, 2]
         return ~((heights > 0.24) & (heights < 0.27))
 
-    assert ahead(robot, [0.5, 0.0, 0.15], clear) is Outlook.TOUCHING
+    assert ahead(robot, [0.5, 0.0, 0.15], clear) is PathFeasibility.COLLIDING
 
 
 def test_the_controller_takes_a_worse_grasp_whose_way_is_free(robot):
@@ -110,5 +112,6 @@ def test_the_controller_takes_a_worse_grasp_whose_way_is_free(robot):
     loop = Loop(robot, SEVERAL)
     loop.go(0.1)
     # Only the look ahead hears of it: in the table of what can be reached the grasp stays the best one.
-    loop.controller._choosing.clear = clear
+    state = loop.controller.state
+    loop.controller.state = state._replace(choice=state.choice._replace(clear=clear))
     assert loop.press().target.grasp_index != first.grasp_index

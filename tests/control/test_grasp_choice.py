@@ -150,10 +150,10 @@ def test_without_a_scene_every_wish_is_refused_with_a_reason(robot):
 def test_goals_hold_the_nearest_and_the_most_manipulable_grasp_of_every_object(robot):
     loop = Loop(robot, scene(), arbitration=Hindsight())
     loop.go(0.1)
-    choosing, table = loop.controller._choosing, loop.controller.selector.table
-    assert [goal.name for goal in choosing.goals] == sorted(PLACES)
+    choice, table = loop.controller.state.choice, loop.controller.selector.table
+    assert [goal.name for goal in choice.goals] == sorted(PLACES)
     p, q = (np.array(part) for part in loop.controller.servo.reference)
-    for goal in choosing.goals:
+    for goal in choice.goals:
         k = table.candidates.object_names.index(goal.name)
         rows = (np.asarray(table.candidates.object_index)[:, None] == k) & table.admissible
         places, turns = table.X_WG.translation[rows], table.X_WG.quaternion[rows]
@@ -170,7 +170,7 @@ def test_goals_hold_the_nearest_and_the_most_manipulable_grasp_of_every_object(r
 def test_the_grasp_that_is_shown_is_the_one_that_the_policy_helps_towards(robot, policy, aim):
     loop = Loop(robot, scene(), arbitration=policy)
     loop.go(0.1)
-    goals, shown = loop.controller._choosing.goals, loop.controller.shown
+    goals, shown = loop.controller.state.choice.goals, loop.controller.shown
     assert sorted(shown) == [goal.name for goal in goals]
     for goal in goals:
         grasp = getattr(goal, aim)

@@ -1,4 +1,4 @@
-"""A selector without memory: every decision is made on a reach table solved from the posture of that moment.
+"""Stateless selector: every decision is made on a reach table solved from the configuration of that moment.
 
 The live selector keeps its table up to date a few grasps at a time, so what it knows at the trigger depends on how the
 hand went there and on what the rule was interested in on the way. In a study a choice has to follow from the scene and
@@ -22,7 +22,6 @@ from optsc.robot import RobotModel
 from optsc.robot.manipulability import Manipulability
 from optsc.selection import GraspSelector, Ranking, ReachTable, Rule
 from optsc.selection.reach import ClearRows
-from optsc.selection.reach_columns import needed
 from optsc.study.conditions import measure
 
 
@@ -60,7 +59,7 @@ def with_measure(table: ReachTable, robot: RobotModel, definition: Manipulabilit
     return replace(table, manipulability=values)
 
 
-class FreshSelector(GraspSelector):
+class StatelessSelector(GraspSelector):
     """A grasp selector that decides on tables solved from the posture at the decision, see the module.
 
     Attributes:
@@ -90,8 +89,8 @@ class FreshSelector(GraspSelector):
 
     def decide_by(self, rule: Rule, measure_name: str) -> None:
         """Rank by another rule and definition of M from now on; raise `UnknownName`."""
-        self.rule, self.measure, self._manipulability = rule, measure_name, measure(measure_name)
-        self._columns = needed((*rule.costs, *self.filters))
+        self.measure = measure_name
+        self.rank_by(rule, measure(measure_name))
 
     def observe(
         self,
@@ -103,7 +102,7 @@ class FreshSelector(GraspSelector):
     ) -> ReachTable:
         """Keep the scene and return its table as seen from ``q`` (n,) [rad]; see `optsc.selection.GraspSelector`."""
         self._scene = (candidates, clear)
-        return self._look_from(self.robot.checked(q))
+        return self._solve_from(self.robot.checked(q))
 
     def rank(
         self,
@@ -115,20 +114,20 @@ class FreshSelector(GraspSelector):
     ) -> Ranking:
         """Return the ranking; a ``refresh_limit`` above zero marks a decision: made on a table solved from ``q``."""
         if refresh_limit and self._scene is not None:
-            self._look_from(self.robot.checked(q))
+            self._solve_from(self.robot.checked(q))
         return super().rank(X_WT, q, refresh_limit=0)
 
     def refresh_oldest(self, q: ArrayLike, limit: int) -> int:
         """Do nothing: whatever matters is solved at the decision."""
         return 0
 
-    def _look_from(self, q: Array) -> ReachTable:
+    def _solve_from(self, q: Array) -> ReachTable:
         if self._scene is None:
             raise InvalidValue("scene of the selector", None, "observed before it is ranked")
         candidates, clear = self._scene
 
         def solve() -> ReachTable:
-            return super(FreshSelector, self).observe(candidates, q, clear=clear, reuse=False)
+            return super(StatelessSelector, self).observe(candidates, q, clear=clear, reuse=False)
 
         table = self.tables.get(q, self.measure, self._columns, solve, self.robot)
         if table is not self.table:

@@ -1,4 +1,4 @@
-"""Looking ahead: whether the arm can go where it is about to be sent, and what it would touch on the way."""
+"""Path feasibility: whether the arm can follow the straight path to a grasp, and what it would touch on it."""
 
 from __future__ import annotations
 
@@ -20,41 +20,41 @@ from optsc.selection.reach import ClearRows
 
 _Item = TypeVar("_Item")
 
-BRISK = 0.5
-"""Share of a joint's velocity limit (ours): a servo that is damped near singularities lags behind beyond it."""
+SPEED_LIMIT_SHARE = 0.5
+"""Share of a joint's velocity limit (tuned here): a servo that is damped near singularities lags behind beyond it."""
 
 
-class Outlook(IntEnum):
-    """What a straight way to a grasp, and up from there, holds in store; the less, the better."""
+class PathFeasibility(IntEnum):
+    """How well the arm can follow the straight path to a grasp, and up from there; the less, the better."""
 
     FREE = 0
-    """The arm can go it, and touches nothing."""
-    BRISK = 1
+    """It can, and touches nothing."""
+    SPEED_LIMITED = 1
     """The same, but some joint comes near its greatest speed, as it does near a singularity."""
-    TOUCHING = 2
-    """The arm can go it, but would touch something."""
-    SHUT = 3
-    """The arm cannot go it."""
+    COLLIDING = 2
+    """It can, but would touch something."""
+    INFEASIBLE = 3
+    """It cannot."""
 
 
-def best_way(items: Iterable[_Item], outlook: Callable[[_Item], Outlook]) -> _Item | None:
-    """Return the first item with a free way, without any the first with the next best outlook, else None.
+def most_feasible(items: Iterable[_Item], feasibility: Callable[[_Item], PathFeasibility]) -> _Item | None:
+    """Return the first item with a free path, without any the first with the next best path, else None.
 
-    A way that would touch something is better than none: what is known of a scene errs on the careful side, and the
+    A path that would touch something is better than none: what is known of a scene errs on the careful side, and the
     operator sees what happens.
     """
-    best, taken = Outlook.SHUT, None
+    best, taken = PathFeasibility.INFEASIBLE, None
     for item in items:
-        found = outlook(item)
+        found = feasibility(item)
         if found < best:
             best, taken = found, item
-        if best is Outlook.FREE:
+        if best is PathFeasibility.FREE:
             break
     return taken
 
 
-def whole_way(settings: Approach, X_WT: Pose, X_WP: Pose, X_WG: Pose) -> list[Pose]:
-    """Return the poses between which the robot moves straight to carry out a grasp, from X_WT on.
+def grasp_path(settings: Approach, X_WT: Pose, X_WP: Pose, X_WG: Pose) -> list[Pose]:
+    """Return the poses between which the robot moves straight to execute a grasp, from X_WT on.
 
     The lift belongs to it: with an object in the hand there is no other grasp to go to.
 
@@ -66,7 +66,7 @@ def whole_way(settings: Approach, X_WT: Pose, X_WP: Pose, X_WG: Pose) -> list[Po
     return [X_WT, X_WP, X_WG, lifted]
 
 
-def outlook(
+def grasp_path_feasibility(
     robot: RobotModel,
     settings: Approach,
     q: Array,
@@ -74,13 +74,13 @@ def outlook(
     target: Target,
     candidates: Candidates,
     clear: ClearRows | None = None,
-) -> Outlook:
-    """Return what the way from a posture to a grasp and up with the object holds in store.
+) -> PathFeasibility:
+    """Return how well the arm can follow the straight path to a grasp, and up with the object.
 
     Args:
         robot: the arm.
         settings: how it moves by itself.
-        q: its posture (n,) [rad].
+        q: its configuration (n,) [rad].
         X_WT: where its tool is led from.
         target: the grasp, one of ``candidates``.
         candidates: the grasps of the scene.
@@ -89,7 +89,7 @@ def outlook(
     """
     legs: list[Array] = []
     speed = 0.0
-    for here, there in pairwise(whole_way(settings, X_WT, target.X_WP, target.X_WG)):
+    for here, there in pairwise(grasp_path(settings, X_WT, target.X_WP, target.X_WG)):
         rollout = straight_line_rollout(
             robot,
             q if not legs else legs[-1][-1],
@@ -99,26 +99,26 @@ def outlook(
             angular_speed=settings.angular_speed,
         )
         if not rollout.completed[0]:
-            return Outlook.SHUT
+            return PathFeasibility.INFEASIBLE
         legs.append(rollout.configurations[0, : int(rollout.steps[0])])
         speed = max(speed, float(rollout.speed[0]))
-    good = Outlook.FREE if speed <= BRISK else Outlook.BRISK
+    good = PathFeasibility.FREE if speed <= SPEED_LIMIT_SHARE else PathFeasibility.SPEED_LIMITED
     if clear is None:
         return good
     before, at_it = legs[0], np.concatenate(legs[1:])
-    # Both are checked in one call, so the shorter one's end is said again.
+    # Both are checked in one call, so the end of the shorter one is repeated.
     rows = np.arange(max(len(before), len(at_it)))
     before, at_it = (part[np.minimum(rows, len(part) - 1)] for part in (before, at_it))
     free = clear(at_it, before, candidates.select(np.full(len(rows), target.candidate)))
-    return good if np.all(free) else Outlook.TOUCHING
+    return good if np.all(free) else PathFeasibility.COLLIDING
 
 
 def can_travel(robot: RobotModel, settings: Approach, q: Array, waypoints: Sequence[Pose]) -> bool:
-    """Tell whether an arm in posture ``q`` (n,) can lead its tool along the straight way through ``waypoints``.
+    """Tell whether an arm in configuration ``q`` (n,) can lead its tool along the straight path through ``waypoints``.
 
-    The way is followed in short steps, each from the posture of the one before; it ends where a pose has no posture
-    within the joint limits, or only one that the joints cannot get to in time. A grasp may well be reached and its
-    pre-grasp too, and yet lie behind a joint limit on the way.
+    The path is followed in short steps, each from the configuration of the one before; it ends where a pose has no
+    configuration within the joint limits, or only one that the joints cannot get to in time. A grasp may be reached and
+    its pre-grasp too, and yet lie behind a joint limit on the path.
     """
     start, *others = waypoints
     return bool(which_can_travel(robot, settings, q, start, [X_WT[None] for X_WT in others])[0])
@@ -127,9 +127,9 @@ def can_travel(robot: RobotModel, settings: Approach, q: Array, waypoints: Seque
 def which_can_travel(
     robot: RobotModel, settings: Approach, q: Array, start: Pose, waypoints: Sequence[Pose]
 ) -> np.ndarray:
-    """Return which of N ways (N,) an arm in posture ``q`` (n,) can lead its tool along; see `can_travel`.
+    """Return which of N paths (N,) an arm in configuration ``q`` (n,) can lead its tool along; see `can_travel`.
 
-    All ways begin at the pose ``start``; ``waypoints`` has for each leg the poses (N,) at its end.
+    All paths begin at the pose ``start``; ``waypoints`` has for each leg the poses (N,) at its end.
     """
     gone = np.ones(len(waypoints[0]), dtype=bool)
     postures = np.repeat(np.asarray(q, dtype=float)[None], len(gone), axis=0)

@@ -5,61 +5,43 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from optsc.control.mode_entry import touchable
 from optsc.control.modes import Mode
 from optsc.control.policies import Manual
-from optsc.control.touching import Touching
 from optsc.geometry import Pose
 from optsc.geometry.mesh import TriangleMesh
 from optsc.grasps import Candidates
 from optsc.ik import Avoidance
 from optsc.robot import load_robot
-from optsc.testing.loop import DOWN, Loop, assert_limits_hold
-
-
-class Recorder:
-    """Stands for an avoidance with two obstacles."""
-
-    def __init__(self):
-        self.calls = []
-        self.model = SimpleNamespace(pairs=[SimpleNamespace(other=name) for name in ("can", "table", "mug")])
-
-    def hand_may_touch(self, *names):
-        self.calls.append(names)
-
+from optsc.testing.loop import DOWN, PLACES, Loop, assert_limits_hold, scene
 
 CAN = SimpleNamespace(object_name="can")
 
 
-def test_the_hand_may_touch_what_the_robot_grasps_from_the_advance_until_it_sets_out_anew():
-    avoid = Recorder()
-    touching = Touching(avoid)
-    for mode in (Mode.MANUAL, Mode.APPROACH, Mode.ADJUST):
-        touching.see(mode, CAN if mode is not Mode.MANUAL else None, None)
-    assert avoid.calls == [()]
-    for mode in (Mode.ADVANCE, Mode.CLOSE, Mode.LIFT, Mode.CARRY):
-        touching.see(mode, CAN, None)
-    assert avoid.calls == [(), ("can",)]
-    touching.see(Mode.MANUAL, None, None)
-    assert avoid.calls == [(), ("can",)]
-    touching.see(Mode.APPROACH, CAN, None)
-    assert avoid.calls[-1] == ()
+def allowed(*ticks):
+    """What the hand may touch after each of some ticks: their mode, target and intended object."""
+    names, name = [], None
+    for mode, target, intended in ticks:
+        name = touchable(mode, target, intended, name)
+        names.append(name)
+    return names
 
 
-def test_where_the_hand_grasps_it_may_touch_the_object_that_is_meant():
-    avoid = Recorder()
-    touching = Touching(avoid)
-    touching.see(Mode.MANUAL, None, "mug")
-    touching.see(Mode.MANUAL, None, "can")
-    touching.see(Mode.CLOSE, None, None)
-    touching.see(Mode.HOLD, None, None)
-    assert avoid.calls == [(), ("mug",), ("can",), ()]
+def test_the_hand_may_touch_what_the_robot_grasps_from_the_advance_until_it_sets_out_again():
+    before = [(Mode.MANUAL, None, None), (Mode.APPROACH, CAN, None), (Mode.ADJUST, CAN, None)]
+    at_it = [(mode, CAN, None) for mode in (Mode.ADVANCE, Mode.CLOSE, Mode.LIFT, Mode.CARRY)]
+    after = [(Mode.MANUAL, None, None), (Mode.APPROACH, CAN, None)]
+    assert allowed(*before, *at_it, *after) == [None] * 3 + ["can"] * 5 + [None]
 
 
-def test_an_object_that_is_no_obstacle_is_no_matter():
-    avoid = Recorder()
-    Touching(avoid).see(Mode.MANUAL, None, "ghost")
-    Touching(None).see(Mode.ADVANCE, CAN, None)
-    assert avoid.calls == [(), ()]
+def test_where_the_hand_grasps_it_may_touch_the_intended_object():
+    ticks = [
+        (Mode.MANUAL, None, "mug"),
+        (Mode.MANUAL, None, "can"),
+        (Mode.CLOSE, None, None),
+        (Mode.HOLD, None, None),
+    ]
+    assert allowed(*ticks) == ["mug", "can", "can", None]
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +87,11 @@ def test_with_collision_avoidance_the_hand_still_gets_to_its_grasp(robot, policy
     closing = next(step for step in loop.steps if step.mode is Mode.CLOSE)
     assert np.linalg.norm(robot.forward(closing.command.q).translation - place) < 0.005
     assert_limits_hold(robot, loop.steps)
+
+
+def test_an_object_that_is_no_obstacle_is_no_matter(robot):
+    """The hand may touch it anyway."""
+    loop = Loop(robot, scene(), avoid=Avoidance(robot, table_height=None), arbitration=Manual())
+    loop.go(0.2)
+    assert loop.controller.state.touchable in PLACES
+    assert loop.steps[-1].mode is Mode.MANUAL

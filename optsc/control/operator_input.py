@@ -1,4 +1,4 @@
-"""Reading the operator: one sample in, checked, and what is new in it."""
+"""Operator input: one sample in, checked, and what is new in it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from optsc.operators import Button, OperatorSample, fault_of
 from optsc.operators.clutch import Hand
 
 
-class Heard(NamedTuple):
+class OperatorInput(NamedTuple):
     """What a tick brought from the operator.
 
     Attributes:
@@ -29,42 +29,40 @@ class Heard(NamedTuple):
     nudge: tuple[float, float, float, float, float, float] | None = None
 
 
-NOTHING = Heard()
+NOTHING = OperatorInput()
 
 
-class Listener:
-    """Remembers the operator's last sample, to tell what changed.
+class InputMonitor(NamedTuple):
+    """The operator's last good sample, to tell what changes with the next.
 
     Attributes:
-        hand: the last good one, None before.
+        hand: where it was; None before the first sample.
         clutch: whether it was coupled to the arm.
+        trigger: whether the trigger was held.
         buttons: what was held down.
         stamp: when that was [s].
     """
 
-    def __init__(self) -> None:
-        self.hand: Hand | None = None
-        self.clutch = False
-        self.buttons: frozenset[Button] = frozenset()
-        self.stamp: float | None = None
-        self._trigger = False
+    hand: Hand | None = None
+    clutch: bool = False
+    trigger: bool = False
+    buttons: frozenset[Button] = frozenset()
+    stamp: float | None = None
 
     def silent(self, time: float, timeout: float) -> bool:
-        """Tell whether the operator was heard before, and not for ``timeout`` [s]."""
+        """Tell whether there were samples before, and none for ``timeout`` [s]."""
         return self.stamp is not None and time - self.stamp > timeout
 
-    def hear(self, sample: OperatorSample | None) -> Heard:
-        """Take in what came at this tick; never raises."""
+    def read(self, sample: OperatorSample | None) -> tuple[InputMonitor, OperatorInput]:
+        """Return the monitor after a sample, and what is new in it; a sample that is refused changes nothing."""
         if sample is None:
-            return NOTHING
+            return self, NOTHING
         fault = fault_of(sample, self.stamp)
         if fault:
-            return Heard(Event.FAULT, f"operator sample refused: {fault}")
-        engaged, triggered = sample.clutch and not self.clutch, sample.trigger and not self._trigger
-        pressed, before = sample.buttons - self.buttons, self.hand
-        self.clutch, self._trigger = bool(sample.clutch), bool(sample.trigger)
-        self.buttons, self.stamp = sample.buttons, sample.stamp
+            return self, OperatorInput(Event.FAULT, f"operator sample refused: {fault}")
+        engaged, triggered = sample.clutch and not self.clutch, sample.trigger and not self.trigger
         p, q = sample.X_SH.translation.tolist(), sample.X_SH.quaternion.tolist()
-        self.hand = Hand(tuple(p), tuple(q), sample.stamp)
+        hand = Hand(tuple(p), tuple(q), sample.stamp)
+        after = InputMonitor(hand, bool(sample.clutch), bool(sample.trigger), sample.buttons, sample.stamp)
         event = Event.TRIGGERED if triggered else Event.ENGAGED if engaged else None
-        return Heard(event, "", True, pressed, before, sample.nudge)
+        return after, OperatorInput(event, "", True, sample.buttons - self.buttons, self.hand, sample.nudge)

@@ -1,0 +1,122 @@
+"""Entering a control mode: the activity that begins, and what else changes with it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from optsc.control.activities import (
+    Activity,
+    Adjusting,
+    Closing,
+    Coupling,
+    Following,
+    Resting,
+    Standing,
+    Travelling,
+)
+from optsc.control.approach import Approach
+from optsc.control.arbitration import Arbitration
+from optsc.control.assisted import Assisted
+from optsc.control.controller_state import ControllerState
+from optsc.control.fine_tuning import FineTuning, Shift, Tuning, TuningScene, untouched
+from optsc.control.modes import TRANSITIONS, Event, Mode, next_mode
+from optsc.control.servo import Servo
+from optsc.geometry import Pose
+from optsc.geometry.scalar import Quaternion, Vector
+from optsc.operators.smoothing import Smoothing
+from optsc.robot import RobotModel
+from optsc.selection import Target
+
+
+class ModeSettings(NamedTuple):
+    """What the activities of all modes are made with.
+
+    Attributes:
+        robot: the arm, with a gripper.
+        arbitration: how hand and robot share the motion.
+        approach: how the robot moves by itself.
+        smoothing: of the hand, if any.
+        fine_tuning: how far a grasp may be shifted on the way to it, if at all.
+        open: distance of the open jaws [m].
+    """
+
+    robot: RobotModel
+    arbitration: Arbitration
+    approach: Approach
+    smoothing: Smoothing | None
+    fine_tuning: FineTuning | None
+    open: float
+
+
+def after_event(
+    settings: ModeSettings, state: ControllerState, servo: Servo, event: Event | None
+) -> ControllerState:
+    """Return the state in the mode that follows on an event, if one does; some events begin the same mode again."""
+    if event is None or (state.mode, event) not in TRANSITIONS:
+        return state
+    mode = next_mode(state.mode, event)
+    stepped_in = mode is not Mode.HOLD and (state.stepped_in or state.mode.automatic)
+    state = state._replace(mode=mode, entered=servo.time, stepped_in=stepped_in)
+    if mode in (Mode.HOLD, Mode.MANUAL):
+        servo.forget()
+        state = state._replace(target=None, tuning=None)
+    elif mode is Mode.APPROACH:
+        tuning = _begun_tuning(settings, state, servo.time)
+        state = state._replace(opening=settings.open, confirmed=False, tuning=tuning)
+    elif mode is Mode.CLOSE:
+        state = state._replace(opening=0.0)
+    return state._replace(activity=activity_of(settings, state, servo))
+
+
+def activity_of(settings: ModeSettings, state: ControllerState, servo: Servo) -> Activity:
+    """Return the activity that begins with the mode of ``state``; the servo prefers what suits it."""
+    mode, target, approach = state.mode, state.target, settings.approach
+    if mode is Mode.HOLD:
+        return Resting()
+    if mode is Mode.MANUAL:
+        servo.prefer(settings.robot.home)
+        if settings.arbitration.assists:
+            return Assisted.begin(settings.arbitration, approach, state.clutch, settings.smoothing)
+        return Following(Coupling(state.clutch, settings.smoothing))
+    if mode is Mode.APPROACH and target is not None:
+        servo.prefer(target.q)
+        shift = None if state.tuning is None else Shift(state.tuning.settings.speed)
+        return Travelling.begin(approach, servo, *pose_of(target.X_WP), shift)
+    if mode is Mode.ADJUST and settings.fine_tuning is not None:
+        return Adjusting.begin(servo, Shift(settings.fine_tuning.speed))
+    if mode is Mode.ADVANCE and target is not None:
+        return Travelling.begin(approach, servo, *pose_of(target.X_WG))
+    if mode is Mode.CLOSE:
+        return Closing(servo.reference)
+    if mode is Mode.LIFT:
+        (x, y, z), q = servo.reference
+        return Travelling.begin(approach, servo, (x, y, z + approach.lift), q)
+    return Standing(servo.reference)
+
+
+_AT_THE_OBJECT = (Mode.ADVANCE, Mode.CLOSE, Mode.LIFT, Mode.CARRY)
+
+
+def touchable(mode: Mode, target: Target | None, intended: str | None, so_far: str | None) -> str | None:
+    """Return the object that the hand may touch, of those that avoidance keeps the arm away from.
+
+    While the robot is at a grasp, that is the object of the grasp; it stays so for an operator who steps in there,
+    until the robot sets out again. Where the hand itself grasps, it is the ``intended`` object.
+    """
+    if mode in _AT_THE_OBJECT:
+        return target.object_name if target is not None else so_far
+    return (intended or so_far) if mode is Mode.MANUAL else None
+
+
+def _begun_tuning(settings: ModeSettings, state: ControllerState, time: float) -> Tuning | None:
+    """Return the tuning of the target from ``time`` [s] on; None where it may not be tuned."""
+    target, choice = state.target, state.choice
+    if settings.fine_tuning is None or choice.candidates is None or target is None:
+        return None
+    scene = TuningScene(settings.robot, settings.approach, choice.candidates, choice.clear)
+    return Tuning(settings.fine_tuning, scene, untouched(target), time)
+
+
+def pose_of(X: Pose) -> tuple[Vector, Quaternion]:
+    """Return a pose as plain tuples."""
+    return tuple(X.translation.tolist()), tuple(X.quaternion.tolist())
