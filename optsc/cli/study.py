@@ -1,4 +1,4 @@
-"""``optsc study``: experiments with an answer: the paper's comparison, the arbitration policies, people."""
+"""``optsc study``: the paper's comparison of grasp choices, the arbitration policies, human participants."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def add_parser(subparsers: Any) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         "study",
-        help="repeat the paper's experiment, compare arbitration policies, carry out studies with people",
+        help="repeat the paper's experiment, compare arbitration policies, run studies with human participants",
         epilog="example: optsc study approach --scenes 200 --seed 1 --output study-output",
     )
     actions = actions_of(parser)
     approach = actions.add_parser(
         "approach",
         help="the paper's strategy against manipulability only, from the same ready pose",
-        description="In every scene a simulated person leads the arm to a ready pose and hands over; from there the "
+        description="In every scene a simulated operator moves the arm to a ready pose and hands over; from there the "
         "robot goes to the grasp of either strategy. Paired differences with intervals, for each definition of M, and "
         "the cases where the claim fails. Finished rows are kept and skipped when started again.",
         epilog="example: optsc study approach --scenes 200 --seed 1 --output study-output",
@@ -39,7 +39,7 @@ def add_parser(subparsers: Any) -> None:
         "arbitration",
         help="all arbitration policies on the same scenes and people",
         description="Plain runs from the first sample to the object that is carried: success, time, effort, jumps. "
-        f"Built in are {', '.join(BUILT_IN)}; a policy of your own is named by where it is, see docs/arbitration.md.",
+        f"Built in are {', '.join(BUILT_IN)}; a user-defined policy is named by where it is, see docs/arbitration.md.",
         epilog="example: optsc study arbitration --scenes 100 --seed 1 --output arbitration-output",
     )
     add_case_options(policies, robots=["panda"], scenes=100, output="study-output", longest=60.0)
@@ -47,8 +47,8 @@ def add_parser(subparsers: Any) -> None:
         "--policies",
         nargs="+",
         metavar="POLICY",
-        help="names of built-in ones, or your own as FILE.py:NAME or MODULE:NAME, a class or a function without "
-        "arguments (default: all that are built in)",
+        help="names of built-in ones, or user-defined ones as FILE.py:NAME or MODULE:NAME, a class or a function "
+        "without arguments (default: all that are built in)",
     )
     policies.set_defaults(run=_arbitration)
     add_people(actions)

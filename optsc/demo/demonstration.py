@@ -25,7 +25,7 @@ from optsc.study.libraries import LIBRARY_SEED
 TAKE_OVER_AFTER = 0.8
 """How long after the trigger the operator of the demonstration steps in, once [s]: in the middle of the approach."""
 LABELS = {PAPER.name: "hand and manipulability", MANIPULABILITY_ONLY.name: "manipulability only"}
-"""What readers are told of each strategy."""
+"""Names of the strategies in output and pictures."""
 
 Say = Callable[[str], None]
 
@@ -51,7 +51,7 @@ class Demo:
 
 
 def plans(object_names: Sequence[str]) -> dict[str, tuple[Intention, ...]]:
-    """Return the operator's plan for each object: straight to it, but for one where the mind changes on the way."""
+    """Return the operator's plan for each object: straight to it, but for one, where another is wanted first."""
     names = sorted(object_names)
     result: dict[str, tuple[Intention, ...]] = {name: (Intention(name),) for name in names}
     if len(names) > 1:

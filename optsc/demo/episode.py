@@ -25,7 +25,7 @@ from optsc.study.conditions import Condition, measure
 from optsc.study.episode_setup import EpisodeSettings, controller_with, true_scene
 
 SETTINGS = EpisodeSettings(rate=500.0, longest=60.0, follower="pybullet")
-"""Of the demonstration, unless told otherwise."""
+"""Defaults of the demonstration."""
 
 
 @dataclass(frozen=True, eq=False)

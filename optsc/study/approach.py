@@ -1,8 +1,8 @@
-"""The paper's experiment: both strategies from the same ready pose, in the same scenes, at the same speed.
+"""Grasp choice study, the paper's experiment: both strategies from the same hand-over, in the same scenes.
 
-For every scene one person leads the arm to a ready pose and hands over. From that very moment, posture and velocity
-included, the robot goes once to the grasp that the paper's cascade chooses, and once to that of greatest
-manipulability. What differs between the two motions is the choice of the grasp and nothing else.
+In every scene one operator moves the arm to a ready pose and hands over. From the same configuration and velocity the
+robot goes once to the grasp that the paper's cascade chooses, and once to that of greatest manipulability, at the same
+speed. What differs between the two motions is the choice of the grasp and nothing else.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class StrategyPair(NamedTuple):
 
     @property
     def same_grasp(self) -> bool:
-        """Whether both chose the same grasp, jaws the same way round."""
+        """Whether both chose the same grasp, the jaws not turned by half a turn between them."""
         names = ("candidate", "half_turn", "hand_over")
         return all(self.paper[name] == self.other[name] for name in names)
 
@@ -204,7 +204,7 @@ def _why(pair: StrategyPair, parts: dict[str, float]) -> str:
             return "the way is not longer, but the tool turns more, and turning set the pace"
         return "the way is not longer and takes no longer, but the tool turns more"
     if "quicker" in parts:
-        # The time law of a way that is neither longer nor turns more takes no longer: the arm was behind it.
+        # A path that is neither longer nor turns more takes no longer by its time law: the arm was behind it.
         if paper["velocity_share"] > SPEED_LIMIT_SHARE:
             return "neither longer nor turning more, but a joint came near its greatest speed, and the arm fell behind"
         return "neither longer nor turning more, but the arm took longer to settle where its paths end"
@@ -216,14 +216,14 @@ def _why_longer(paper: Row, other: Row) -> str:
         return "the grasp is nearer, but the way to it over its pre-grasp is longer"
     if paper["jump_target_chord"] <= other["jump_target_chord"]:
         return "orientation came first: a nearer grasp was turned more, and was left out by the first stage"
-    # The cascade prefers a grasp that is nearer in both and has the greater M, unless its way is not free.
+    # The cascade prefers a grasp that is nearer in both and has the greater M, unless its path is not free.
     return "the grasp is further away and turned more: a better one by its rank was passed over for its way"
 
 
 def explanation(failure: Failure, settings: EpisodeSettings, scene: Scene) -> str:
     """Return in words and numbers why the paper's cascade passed over the grasp of greatest M, from the scene itself.
 
-    The scene is set up and led to the hand-over again, which takes about a second.
+    The episode is run up to the hand-over again, which takes about a second.
     """
     paper, other = failure.pair
     engine = Engine(scene, OperatorSpec(paper["person"], paper["person_seed"]), settings)

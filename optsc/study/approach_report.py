@@ -1,4 +1,4 @@
-"""The report of the paper's experiment: differences with intervals, where the claim fails and why, and how it looks."""
+"""Report of the grasp choice study: paired differences, where the claim fails and why, and pictures of cases."""
 
 from __future__ import annotations
 
@@ -21,7 +21,14 @@ from optsc.study.approach import (
 from optsc.study.conditions import OperatorSpec
 from optsc.study.episode_setup import EpisodeSettings
 from optsc.study.outcomes import Row
-from optsc.study.report_parts import APPROACH_PATHS, approach_paths, bounds, path_picture, percentage
+from optsc.study.report_parts import (
+    APPROACH_PATHS,
+    MODES_TO_THE_GRASP,
+    approach_paths,
+    bounds,
+    path_picture,
+    percentage,
+)
 from optsc.study.scenes import Scene
 from optsc.viewers.report import Picture, Report, Table
 from optsc.viewers.report_motion import timelines
@@ -75,7 +82,7 @@ def build(
     report.add("The claim in parts", _forest(comparisons), *_tables(comparisons))
     report.add("Case by case", _scatter(rows, comparisons))
     report.add("Where it fails", *_failure_tables(failed), *_explained(failed, scenes, settings))
-    report.add("What it looks like", *_pictures(rows, comparisons, failed, scenes, settings))
+    report.add("Cases in pictures", *_pictures(rows, comparisons, failed, scenes, settings))
     return report
 
 
@@ -220,6 +227,6 @@ def _pictures(
             file_name = f"way_{robot}_{name.replace(' ', '_')}"
             pictures.append(path_picture(file_name, scene, paths, title, f". {APPROACH_PATHS}"))
     if bars:
-        caption = "Who led when, from the first sample to the grasp."
+        caption = MODES_TO_THE_GRASP
         pictures.append(Picture("timelines", timelines(bars), caption))
     return pictures

@@ -1,7 +1,7 @@
-"""All arbitration policies on the same scenes and people: who gets there, how fast, with what effort, and how smoothly.
+"""Arbitration study: all policies on the same scenes and operators; success, time, effort, smoothness.
 
-Other than in the comparison of grasp choices, the hand has a say all the way here, so every episode is a plain run of
-its own, from the first sample to the object that is carried or the end of patience.
+Other than in the comparison of grasp choices, the hand matters during the whole episode, so every episode is a plain
+run from the first sample to the object that is carried, or to the time limit.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ REPORTED = (
 """Numbers of a row, taken up to the moment at which the jaws begin to close for the last time.
 
 Smoothness is of the stretches in which something moves, what the hand leads and what the robot does by itself apart,
-weighted by their durations, with their number and their time beside it (`optsc.metrics.stretch_smoothness`): whoever
-waits, or has the person wait, is no less smooth for it. Jumps
-are the worst of each part over all changes of mode of the whole episode, closing the jaws included. The distances d_l
-and d_a are those at which the hand gives the motion away: from the tool to what it heads for at the first tick of the
-new mode. Where the robot goes on by itself, to the grasp or to lift, they are of its own making and do not count.
+weighted by their durations, with their number and their time beside it (`optsc.metrics.stretch_smoothness`): a
+policy that waits, or has the operator wait, is no less smooth for it. Jumps are the worst of each part over all changes
+of mode of the whole episode, closing the jaws included. The distances d_l and d_a are those at which the operator hands
+over: from the tool to its target at the first tick of the new mode. Where the robot goes on by itself, to the grasp or
+to lift, they are of its own making and do not count.
 """
 _POLICY = ("name", "trigger", "assists", "aim", "blend", "begins")
 
@@ -97,7 +97,7 @@ class PolicyCondition:
 
 
 def policy_condition(text: str) -> PolicyCondition:
-    """Return the policy that ``text`` names: a built-in one, or one's own as ``FILE.py:NAME`` or ``MODULE:NAME``.
+    """Return the policy that ``text`` names: a built-in one, or else ``FILE.py:NAME`` or ``MODULE:NAME``.
 
     ``NAME`` is a policy, its class, or a function without arguments that returns one.
 
@@ -136,7 +136,7 @@ def _loaded_again(source: str, expected: str) -> PolicyCondition:
 def policy_conditions(names: Sequence[str] | None = None) -> tuple[PolicyCondition, ...]:
     """Return the policies of these names, by default all built-in ones; see `policy_condition`.
 
-    Raises `InvalidValue` besides when two go by the same name, as rows of one could not be told from the other's.
+    Raises `InvalidValue` besides when two go by the same name, as their rows could not be distinguished.
     """
     conditions = tuple(policy_condition(name) for name in names or sorted(POLICIES))
     called = [condition.name for condition in conditions]

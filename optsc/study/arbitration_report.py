@@ -1,4 +1,4 @@
-"""The report on arbitration policies: means, differences from the paper's policy, jumps, and one case in detail."""
+"""Report of the arbitration study: means, differences from the paper's policy, jumps, and one case in detail."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _HOW_JUMPS = (
     "The worst of each part in an episode, over all its changes of mode, closing the jaws included. d_l and d_a are "
     "from the tool to what it heads for where the hand gives the motion away, to the robot or to the jaws."
 )
-COLUMNS = {
+MEASURE_TITLES = {
     "grasp_s": "time to the grasp [s]",
     "effort_m": "path of the hand [m]",
     "intervention": "share of time the hand moves",
@@ -55,7 +55,7 @@ COLUMNS = {
     "ldlj_joint": "LDLJ of the joints, by stretch",
     "clearance_m": "least clearance [m]",
 }
-SMOOTHNESS = {
+SMOOTHNESS_TITLES = {
     "ldlj_tool": "LDLJ, tool",
     "ldlj_turn": "LDLJ, turning",
     "ldlj_joint": "LDLJ, joints",
@@ -65,8 +65,8 @@ SMOOTHNESS = {
     "stretches": "stretches",
     "moving_s": "time in them [s]",
 }
-MODES = {name: f"{mode.value} [s]" for name, mode in zip(TIMES, Mode, strict=True)}
-JUMPS = {
+MODE_TITLES = {name: f"{mode.value} [s]" for name, mode in zip(TIMES, Mode, strict=True)}
+JUMP_TITLES = {
     "jump_position_m": "position step [m]",
     "jump_rotation_rad": "rotation step [rad]",
     "jump_velocity_m_s": "velocity step [m/s]",
@@ -78,6 +78,7 @@ JUMPS = {
     "jump_joint_rad": "joint step [rad]",
     "jump_branch_flip": "branch flips",
 }
+ALL_TITLES = MEASURE_TITLES | SMOOTHNESS_TITLES | MODE_TITLES | JUMP_TITLES
 
 
 def summary_of(rows: Sequence[Row], seed: int = 0) -> dict[str, Any]:
@@ -96,7 +97,10 @@ def _summary_of_arm(arm: DataFrame, seed: int) -> dict[str, Any]:
             "cases": len(rows),
             "scenes": rows["scene"].nunique(),
             "success": _success(rows, seed),
-            **{column: _mean(rows, column, seed) for column in (COLUMNS | SMOOTHNESS | MODES | JUMPS)},
+            **{
+                column: _mean(rows, column, seed)
+                for column in (MEASURE_TITLES | SMOOTHNESS_TITLES | MODE_TITLES | JUMP_TITLES)
+            },
             "minus_alternating": {
                 column: difference._asdict() for column, difference in _against(arm, name, seed).items()
             },
@@ -123,7 +127,7 @@ def _against(arm: DataFrame, name: str, seed: int) -> dict[str, PairedDifference
     one, other = (succeeded[succeeded["condition"] == policy] for policy in (name, REFERENCE))
     pairs = one.merge(other, on=["scene", "person", "person_seed"], suffixes=("", "_reference"))
     found = {}
-    for column in COLUMNS:
+    for column in MEASURE_TITLES:
         a, b = averages(pairs["scene"].tolist(), pairs[column], pairs[f"{column}_reference"])
         found[column] = paired_difference(a, b, np.random.default_rng(seed))
     return found
@@ -175,13 +179,17 @@ def build(
     for robot, arm in arms.items():
         where, suffix = (f", {robot}", f"_{robot}") if len(arms) > 1 else ("", "")
         policies = _policies(arm)
-        used = {name: title for name, title in MODES.items() if arm[name].any()}
+        used = {name: title for name, title in MODE_TITLES.items() if arm[name].any()}
         picture = _picture(policies, seed, f"policies{suffix}")
-        report.add(f"Success, time, effort{where}", picture, _table(policies, COLUMNS, seed, success=True))
+        report.add(
+            f"Success, time, effort{where}", picture, _table(policies, MEASURE_TITLES, seed, success=True)
+        )
         report.add(f"Against the paper's policy{where}", *_differences(arm, seed))
-        report.add(f"Smoothness{where}", _HOW_SMOOTH, _table(policies, SMOOTHNESS, seed))
+        report.add(f"Smoothness{where}", _HOW_SMOOTH, _table(policies, SMOOTHNESS_TITLES, seed))
         report.add(f"Time in each mode{where}", _table(policies, used, seed))
-        report.add(f"Jumps at changes of mode{where}", _HOW_JUMPS, _table(policies, JUMPS, seed, worst=True))
+        report.add(
+            f"Jumps at changes of mode{where}", _HOW_JUMPS, _table(policies, JUMP_TITLES, seed, worst=True)
+        )
     report.add("One case in detail", *_motions(rows, jobs))
     return report
 
@@ -195,7 +203,7 @@ def _motions(rows: Sequence[Row], jobs: Sequence[Job[PolicyCondition]]) -> list[
     setup = EpisodeSetup(job.scene, job.settings)
     paths = [path_of(setup, simulated(setup, job.person, c.policy), c.name) for c in job.conditions]
     title = f"{job.scene.robot}, scene {job.scene.seed}, {job.scene.goal}, {job.person.kind}"
-    words = f"{title}: who led when, from the first sample to the object that is carried."
+    words = f"{title}: control modes over time, from the first sample to the object that is carried."
     parts = [paths[first : first + PATHS_DRAWN] for first in range(0, len(paths), PATHS_DRAWN)]
     drawn = [
         path_picture(f"ways_{k}", job.scene, part, title, ". The tool's path by mode; a fork is the grasp.")
@@ -211,7 +219,11 @@ def path_of(setup: EpisodeSetup, ticks: Run, label: str) -> ToolPath:
 
 
 def _picture(policies: dict[str, DataFrame], seed: int, name: str) -> Picture:
-    titles = {"success": "success", "grasp_s": COLUMNS["grasp_s"], "effort_m": COLUMNS["effort_m"]}
+    titles = {
+        "success": "success",
+        "grasp_s": MEASURE_TITLES["grasp_s"],
+        "effort_m": MEASURE_TITLES["effort_m"],
+    }
     groups = {
         column: {
             policy: Estimate(*(_success(rows, seed) if column == "success" else _mean(rows, column, seed)))
@@ -250,7 +262,15 @@ def _table(
 
 def _differences(arm: DataFrame, seed: int) -> list[Table | str]:
     lines = [
-        [name, COLUMNS[column], d.pairs, d.mean.value, bounds(d.mean), d.d_z, d.mean.low * d.mean.high > 0.0]
+        [
+            name,
+            MEASURE_TITLES[column],
+            d.pairs,
+            d.mean.value,
+            bounds(d.mean),
+            d.d_z,
+            d.mean.low * d.mean.high > 0.0,
+        ]
         for name in arm["condition"].unique()
         for column, d in _against(arm, name, seed).items()
     ]

@@ -116,7 +116,7 @@ class Cases(Checked):
     def jobs(self, conditions: Sequence[Condition]) -> list[Job[Condition]]:
         """Return the jobs that try all ``conditions``, rules that choose a grasp, on all cases.
 
-        Raises `InvalidValue` for people who step in during the motion: what they do depends on the target, so that
+        Raises `InvalidValue` for operators who step in during the approach: what they do depends on the target, so
         conditions could not share their work. `policy_jobs` takes them.
         """
         for kind in self.people:

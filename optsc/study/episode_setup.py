@@ -54,8 +54,8 @@ class EpisodeSettings(Checked):
         follower: ``ideal``, an arm that is where it was commanded to be, or ``pybullet``, one in a simulated world.
         approach: how the robot moves by itself.
         library: folder of a grasp library (`optsc.GraspLibrary`) whose grasps are chosen from, such as imported or
-            observed ones; by default grasps are sampled on the objects. Rows are told apart by the grasps and not by
-            the folder, which has to be there for every process.
+            observed ones; by default grasps are sampled on the objects. The key of a row depends on the grasps and
+            not on the folder, which has to be there for every process.
     """
 
     rate: Annotated[float, Positive] = 250.0

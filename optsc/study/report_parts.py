@@ -17,6 +17,7 @@ from optsc.viewers.report import Picture
 from optsc.viewers.report_motion import ToolPath, trajectories
 
 APPROACH_PATHS = "The tool's path, coloured by mode; a circle marks the hand-over, a fork the chosen grasp."
+MODES_TO_THE_GRASP = "Control modes over time, from the first sample to the grasp."
 
 
 def bounds(interval: Interval) -> str:

@@ -1,4 +1,4 @@
-"""From a camera to the controller: what it hears, when, and that a watched run can be repeated."""
+"""From a camera to the controller: what it is given, when, and that a watched run replays."""
 
 from types import SimpleNamespace
 
@@ -85,14 +85,14 @@ def reaching():
 THERE = Pose.from_translation([0.42, 0.05, 0.0])
 
 
-def test_the_controller_hears_of_a_motion_within_one_scene_tick(controller, observation, world):
+def test_the_controller_is_given_a_motion_within_one_scene_tick(controller, observation, world):
     done, during = watched(controller, observation, MovingObjects(world, MOVES_AT, THERE), Nobody(), 0.7)
     (index,) = done.updates
     assert MOVES_AT <= done[index].time <= MOVES_AT + PERIOD
     assert [(event.kind, event.name) for _, event in during.events] == [(SceneEventKind.MOVED, "can")]
-    heard = done.updates[index].candidates
-    can = np.array(heard.object_names)[heard.object_index] == "can"
-    middle = np.median(heard.X_WG[can].translation[:, :2], axis=0)
+    given = done.updates[index].candidates
+    can = np.array(given.object_names)[given.object_index] == "can"
+    middle = np.median(given.X_WG[can].translation[:, :2], axis=0)
     assert np.linalg.norm(middle - THERE.translation[:2]) < 0.03
 
 
@@ -113,10 +113,10 @@ def test_a_watched_run_replays_bit_for_bit(controller, observation, world):
         done.commands,
     )
     scene = observation.update(observation.first)
-    fresh = DemoSetup(world, observation.first.library, 0).controller(PAPER)
-    again = replay(fresh, inputs, scene.candidates, scene.clear, done.updates)
+    another = DemoSetup(world, observation.first.library, 0).controller(PAPER)
+    again = replay(another, inputs, scene.candidates, scene.clear, done.updates)
     assert again.commands.tobytes() == done.commands.tobytes()
-    deaf = replay(fresh, inputs, scene.candidates, scene.clear)
+    deaf = replay(another, inputs, scene.candidates, scene.clear)
     assert (
         deaf[-1].ranking.target("can").X_WG.translation.tolist()
         != again[-1].ranking.target("can").X_WG.translation.tolist()
@@ -127,15 +127,15 @@ def reported_once(world, observation, mode, at):
     """Return a watch that says once, as soon as the robot is in a mode, that the can is somewhere else or nowhere."""
 
     def watch(time, measured):
-        if told or not modes or modes[-1] is not mode:
+        if reported or not modes or modes[-1] is not mode:
             return None
-        told.append(time)
+        reported.append(time)
         state = observation.first
         known = state.objects["can"]
         moved = None if at is None else known.moved_to(Pose.from_translation(at) @ known.X_WO)
         return observation.update(state.without("can") if moved is None else state.with_object(moved))
 
-    told, modes = [], []
+    reported, modes = [], []
     return watch, modes
 
 

@@ -1,4 +1,4 @@
-"""The study of arbitration policies: what a row says, who is averaged, and policies of one's own."""
+"""The study of arbitration policies: what a row says, who is averaged, and user-defined policies."""
 
 import pickle
 import subprocess
@@ -20,7 +20,15 @@ from optsc.study.arbitration import (
     policy_condition,
     policy_conditions,
 )
-from optsc.study.arbitration_report import COLUMNS, JUMPS, MODES, SMOOTHNESS, build, summary_of, text_table
+from optsc.study.arbitration_report import (
+    JUMP_TITLES,
+    MEASURE_TITLES,
+    MODE_TITLES,
+    SMOOTHNESS_TITLES,
+    build,
+    summary_of,
+    text_table,
+)
 from optsc.study.cases import Cases
 from optsc.study.loading import absolute, load_named
 from optsc.study.outcomes import scene_means
@@ -127,16 +135,16 @@ def test_arms_are_never_mixed(tmp_path):
 
 
 def test_everything_that_is_reported_is_in_a_row():
-    assert set(COLUMNS) | set(SMOOTHNESS) | set(JUMPS) <= set(REPORTED)
-    assert tuple(MODES) == TIMES
+    assert set(MEASURE_TITLES) | set(SMOOTHNESS_TITLES) | set(JUMP_TITLES) <= set(REPORTED)
+    assert tuple(MODE_TITLES) == TIMES
     assert len(TIMES) == len(Mode)
-    assert {"jump_target_distance_m", "jump_target_chord"} <= set(JUMPS)
-    assert {"sparc_joint", "sparc_turn", "ldlj_turn"} <= set(SMOOTHNESS)
+    assert {"jump_target_distance_m", "jump_target_chord"} <= set(JUMP_TITLES)
+    assert {"sparc_joint", "sparc_turn", "ldlj_turn"} <= set(SMOOTHNESS_TITLES)
 
 
 @pytest.fixture(scope="module")
 def computed(tmp_path_factory):
-    """Rows of the paper's policy and of one's own in one scene, from a worker process."""
+    """Rows of the paper's policy and of a user-defined one in one scene, from a worker process."""
     folder = tmp_path_factory.mktemp("arbitration")
     (folder / "policies_of_mine.py").write_text(OWN)
     conditions = policy_conditions(["alternating", f"{folder / 'policies_of_mine.py'}:quarter"])
@@ -147,7 +155,7 @@ def computed(tmp_path_factory):
     return {row["condition"]: row for row in rows}
 
 
-def test_a_policy_of_one_s_own_is_computed_in_a_worker_process(computed):
+def test_a_user_defined_policy_is_computed_in_a_worker_process(computed):
     assert set(computed) == {"alternating", "mine"}
     assert computed["mine"]["effort_m"] > computed["alternating"]["effort_m"]
 
@@ -157,7 +165,7 @@ def test_a_row_has_the_time_in_every_mode_the_distance_at_the_hand_over_and_all_
         assert sum(r[name] for name in TIMES) == pytest.approx(r["whole_s"])
         assert 0.0 < r["moving_s"] < r["grasp_s"]
         assert r["stretches"] >= 1.0
-        assert np.isfinite([r[name] for name in (*SMOOTHNESS, *JUMPS)]).all()
+        assert np.isfinite([r[name] for name in (*SMOOTHNESS_TITLES, *JUMP_TITLES)]).all()
     paper, mine = computed["alternating"], computed["mine"]
     assert paper["time_approach_s"] > 0.5
     assert mine["time_approach_s"] == 0.0

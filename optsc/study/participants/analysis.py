@@ -15,7 +15,7 @@ import numpy as np
 from pandas import DataFrame
 
 from optsc.errors import InvalidValue, Mismatch, UnknownName
-from optsc.study.arbitration_report import COLUMNS
+from optsc.study.arbitration_report import MEASURE_TITLES
 from optsc.study.outcomes import Row
 from optsc.study.participants.plan import StudyPlan
 from optsc.study.participants.workload import SCALES
@@ -23,7 +23,7 @@ from optsc.study.statistics import Interval, PairedDifference, bootstrap, mean_o
 
 WORKLOAD = {f"tlx_{name}": name for name in SCALES}
 """The six scales, of which a block has one answer each."""
-MEASURES = {"success": "success [share]", **COLUMNS, "tlx_raw": "workload (raw NASA-TLX)"}
+MEASURES = {"success": "success [share]", **MEASURE_TITLES, "tlx_raw": "workload (raw NASA-TLX)"}
 """What is compared, with its unit."""
 VALUES = [*MEASURES, *WORKLOAD]
 ALWAYS = ("success", "tlx_raw", *WORKLOAD)

@@ -9,7 +9,7 @@ from typing import Any
 
 from pandas import DataFrame
 
-from optsc.study.arbitration_report import JUMPS
+from optsc.study.arbitration_report import JUMP_TITLES
 from optsc.study.outcomes import Row
 from optsc.study.participants.analysis import (
     MEASURES,
@@ -220,12 +220,12 @@ def _jumps(plan: StudyPlan, rows: Sequence[Row]) -> Table:
     trials = DataFrame([row for row in rows if not row["practice"]])
     lines = []
     for name in plan.design.conditions:
-        jumps = trials[trials["condition"] == name].reindex(columns=list(JUMPS)).astype(float)
+        jumps = trials[trials["condition"] == name].reindex(columns=list(JUMP_TITLES)).astype(float)
         cells = [
             f"{mean_of(x):.3g}, at most {x.max():.3g}" if x.notna().any() else None for _, x in jumps.items()
         ]
         lines.append([name, *cells])
-    return Table(["condition", *JUMPS.values()], lines, "Means, and the worst of all trials")
+    return Table(["condition", *JUMP_TITLES.values()], lines, "Means, and the worst of all trials")
 
 
 def _places(plan: StudyPlan, means: DataFrame) -> Table:

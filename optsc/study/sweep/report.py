@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from optsc.study.cases import Job
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, Condition
 from optsc.study.outcomes import Row
-from optsc.study.report_parts import APPROACH_PATHS, approach_paths, path_picture
+from optsc.study.report_parts import APPROACH_PATHS, MODES_TO_THE_GRASP, approach_paths, path_picture
 from optsc.study.results_folder import save_rows, save_summary
 from optsc.study.stability import Stability, stability
 from optsc.study.sweep.results import (
@@ -288,10 +288,9 @@ def motions(
     paths = approach_paths(job.scene, job.person, wanted, job.settings)
     title = f"{robot}, scene {job.scene.seed}, {job.scene.goal}"
     words = f": the front's settings and the reference. {APPROACH_PATHS}"
-    led = "Who led when, from the first sample to the grasp."
     return [
         path_picture(f"ways_{robot}", job.scene, paths, title, words),
-        Picture(f"timelines_{robot}", timelines(paths), f"{title}. {led}"),
+        Picture(f"timelines_{robot}", timelines(paths), f"{title}. {MODES_TO_THE_GRASP}"),
     ]
 
 
