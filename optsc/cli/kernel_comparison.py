@@ -84,7 +84,7 @@ def compare_kernels(robot: RobotModel, rng: np.random.Generator) -> tuple[Kernel
     n, limits = robot.n, np.concatenate(robot.limits.positions)
     pairs, hulls = self_pairs(robot, CollisionModel(robot).capsule_pairs), link_capsules(robot, True)
     over = ends_over_table(robot)
-    near = clearance(robot.chain, link_capsules(robot), hulls, pairs.telling, pairs.close, over, 4)
+    near = clearance(robot.chain, link_capsules(robot), hulls, pairs.informative, pairs.close, over, 4)
     product = penalised_product(robot.chain, robot.limits.positions, "tsai")
 
     def pose_to_reach(rng: np.random.Generator) -> list[Array | float]:

@@ -147,7 +147,7 @@ class IkStep(NamedTuple):
         velocity: joint velocity of the next tick (n,) [rad/s]; meaningless unless solved.
         solved: whether the solver found it; `reason` says otherwise why.
         error: reference minus present tool pose (6,), in the tool frame [m, rad].
-        volume: volume of the manipulability ellipsoid at the present posture (Yoshikawa's index).
+        volume: volume of the manipulability ellipsoid at the present configuration (Yoshikawa's index).
         iterations: of the solver.
         reason: why not solved; empty when solved.
         slack: how far soft rows are missed at most, in their own unit.
@@ -181,7 +181,7 @@ class DifferentialIK:
         self._H, self._g, self._error, self._volume = self._kernel.outputs
 
     def volume(self, q: Array) -> float:
-        """Return the volume of the manipulability ellipsoid at posture ``q`` (n,), as `IkStep.volume`."""
+        """Return the volume of the manipulability ellipsoid at configuration ``q`` (n,), as `IkStep.volume`."""
         self._q[:] = q
         self._kernel.run()
         return float(self._volume[0])

@@ -146,7 +146,7 @@ class ProxQpSolver:
         results = self._problem.results
         if results.info.status == self._proxqp.PROXQP_SOLVED:
             return QpSolution(np.array(results.x), True, int(results.info.iter))
-        self._size = (0, 0)  # start afresh: a failed result is no good start for the next problem
+        self._size = (0, 0)  # start again: a failed result is no good start for the next problem
         if warm:  # nor, it may be, was the last solution for this one
             return self.solve(H, g, lower, upper, rows)
         return QpSolution(np.zeros(n), False, int(results.info.iter), f"proxqp: {results.info.status}")

@@ -93,7 +93,7 @@ def _advanced(n: int) -> casadi.Function:
 def _step(chain: Chain) -> casadi.Function:
     """(progress, line, number of the step, count, pace, limits, velocity) -> progress, unchanged after the end.
 
-    Progress (2 n + 3) is that of `rollout`, and a configuration that is already on its way to the next pose.
+    Progress (2 n + 3) is that of `rollout`, and a configuration that already moves to the next pose.
     """
     n = chain.n
     inputs = symbols(casadi.MX, progress=2 * n + 3, line=13, k=1, count=1, pace=1, limits=2 * n, velocity=n)

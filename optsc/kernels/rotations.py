@@ -67,7 +67,7 @@ def from_matrix(D: casadi.SX) -> casadi.SX:
 def smooth_from_matrix(D: casadi.SX) -> casadi.SX:
     """Return the rotation vector (3) [rad] of a rotation matrix, without a jump of the axis at half a turn.
 
-    There the vector shrinks to zero; its direction still points the right way. For a controller, which sees half a
+    There the vector shrinks to zero; its direction stays right. For a controller, which sees half a
     turn only as something far beyond the error it acts on.
     """
     axis = _skew_part(D)

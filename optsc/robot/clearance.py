@@ -48,12 +48,12 @@ class SelfPairs(NamedTuple):
     """Pairs of an arm's capsules, by number.
 
     Attributes:
-        telling: pairs whose distance says something about a configuration.
+        informative: pairs whose distance says something about a configuration.
         close: pairs that are close to each other, or always at about the same distance.
         overlapping: pairs of links some of whose capsules overlap at home: only the exact check tells their contacts.
     """
 
-    telling: tuple[tuple[int, int], ...]
+    informative: tuple[tuple[int, int], ...]
     close: tuple[tuple[int, int], ...]
     overlapping: LinkPairs
 
@@ -90,11 +90,11 @@ def self_pairs(robot: RobotModel, linked: LinkPairs) -> SelfPairs:
         return SelfPairs((), (), ())
     distance = _sampled(robot, capsules, pairs)
     apart = distance[0] > SAFE
-    telling = (distance[0] > CLOSE) & (np.ptp(distance, axis=0) > TRAVEL)
+    informative = (distance[0] > CLOSE) & (np.ptp(distance, axis=0) > TRAVEL)
     overlapping = dict.fromkeys((names[a], names[b]) for k, (a, b) in enumerate(pairs) if not apart[k])
     return SelfPairs(
-        tuple(pair for k, pair in enumerate(pairs) if telling[k]),
-        tuple(pair for k, pair in enumerate(pairs) if apart[k] and not telling[k]),
+        tuple(pair for k, pair in enumerate(pairs) if informative[k]),
+        tuple(pair for k, pair in enumerate(pairs) if apart[k] and not informative[k]),
         tuple(overlapping),
     )
 
@@ -128,8 +128,8 @@ def _heights(robot: RobotModel) -> tuple[Array, Array]:
 def ends_over_table(robot: RobotModel) -> list[tuple[int, int]]:
     """Return the ends of capsules, by numbers of capsule and end, whose distance from a table says something."""
     hulls = link_capsules(robot, True)
-    telling = ~level_ends(robot) & (hulls.joint >= 0)[:, None]
-    return [(int(k), int(end)) for k, end in np.argwhere(telling)]
+    informative = ~level_ends(robot) & (hulls.joint >= 0)[:, None]
+    return [(int(k), int(end)) for k, end in np.argwhere(informative)]
 
 
 def sampled_configurations(robot: RobotModel) -> Array:
@@ -152,7 +152,9 @@ def _sampled(robot: RobotModel, capsules: LinkCapsules, pairs: Sequence[tuple[in
 def _kernel(robot: RobotModel, linked: LinkPairs, slots: int) -> BatchKernel:
     pairs, hulls = self_pairs(robot, linked), link_capsules(robot, True)
     over = ends_over_table(robot)
-    function = clearance(robot.chain, link_capsules(robot), hulls, pairs.telling, pairs.close, over, slots)
+    function = clearance(
+        robot.chain, link_capsules(robot), hulls, pairs.informative, pairs.close, over, slots
+    )
     return build_batch_kernel(function, CLEARANCES_PER_LOOP, shared=3)
 
 
@@ -196,8 +198,8 @@ class ClearanceScene:
         self._owner = np.array([*owner, *[""] * (slots - len(owner))])
         self._height = -FAR_AWAY if table_height is None else table_height
         self._kernel = _kernel(robot, linked, slots)
-        self.tells_of_itself = not self_pairs(robot, linked).overlapping
-        """Whether configurations in which no capsules touch each other can be told; not where some always do."""
+        self.finds_self_contacts = not self_pairs(robot, linked).overlapping
+        """Whether there are configurations in which no capsules touch each other; not where some always do."""
 
     def level_ends_clear(self, margin: float) -> bool:
         """Tell whether the level ends of capsules that are not level themselves are above the table by a margin [m]."""

@@ -311,5 +311,5 @@ class CollisionScene:
             # Interpreted, the capsules take longer than the bodies themselves.
             return np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)
         found = self.capsules.measure(q, allowed, self._margin + 2.0 * SAFE)
-        own = (np.minimum(found.own, found.own_close) > SAFE) & self.capsules.tells_of_itself
+        own = (np.minimum(found.own, found.own_close) > SAFE) & self.capsules.finds_self_contacts
         return found.world > self._margin + SAFE, own

@@ -107,7 +107,7 @@ class DistanceModel:
             count += len(around.half)
         self._slots = 0 if count == 0 else box_slots(count)
         self_pairs, table_ends = _relevant(robot, self.capsules, table_height, margin)
-        self._lay_out(self_pairs, table_ends)
+        self._name_pairs(self_pairs, table_ends)
         self._kernel = build_kernel(
             distance_rows(robot.chain, robot.limits.rates, self.capsules, self_pairs, table_ends, self._slots)
         )
@@ -120,7 +120,7 @@ class DistanceModel:
             self.obstacles[Box.ABSENT, self._parts[name][0]] = 0.0
             self.move(name, X_WO)
 
-    def _lay_out(self, self_pairs: list[SelfPair], table_ends: list[TableEnd]) -> None:
+    def _name_pairs(self, self_pairs: list[SelfPair], table_ends: list[TableEnd]) -> None:
         link = self.capsules.link
         pairs = [BodyPair(link[a], link[b]) for a, b, _ in self_pairs]
         pairs += [BodyPair(link[a], TABLE) for a, _, _ in table_ends]

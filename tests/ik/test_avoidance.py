@@ -96,7 +96,7 @@ def test_free_motion_away_is_never_blocked(panda):
             if d > avoid.settings.margin:
                 assert lower < 0.0  # rest, and all motion away, is allowed
                 seen += 1
-            # Inside the margin no more than a gentle way out is asked for.
+            # Inside the margin no more than gentle motion out of it is asked for.
             assert lower <= avoid.settings.push
             assert g @ away > 0.0
     assert seen > 100

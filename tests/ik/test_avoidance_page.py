@@ -66,7 +66,7 @@ def test_the_example_presses_the_table_and_says_so(capsys):
     assert "mm from table" in out
 
 
-def test_the_hand_may_touch_what_it_is_told_and_nothing_after_none():
+def test_the_hand_may_touch_what_it_is_allowed_and_nothing_after_none():
     robot = load_robot("panda")
     tool = robot.forward(robot.home).translation
     avoid = Avoidance(robot, {"cube": (CUBE, Pose.from_translation(tool))})

@@ -191,7 +191,7 @@ def test_a_pose_further_away_than_the_arm_is_long_is_out_of_reach():
     np.testing.assert_allclose(solutions.residual, pose_error(PANDA, solutions.q, X_WT), rtol=1e-6)
 
 
-def test_poses_behind_the_limits_are_told_from_poses_that_no_configuration_has():
+def test_poses_behind_the_limits_are_distinguished_from_poses_that_no_configuration_has():
     # The elbow alone sets how far the wrist is from the shoulder, so its limits exclude what it would have to do.
     limits = {"lower": UR5.limits.lower.copy(), "upper": UR5.limits.upper.copy()}
     limits["lower"][2], limits["upper"][2] = 0.3, 1.2

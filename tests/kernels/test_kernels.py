@@ -111,7 +111,7 @@ def test_one_step_along_a_line_is_the_damped_step_of_pinocchios_jacobian(robot):
         (there,) = step_kernel(np.r_[q, q, np.inf], goal, here, [1e-9], free)
         np.testing.assert_allclose(there[:n] - q, step, rtol=1e-6, atol=1e-7)
         assert there[2 * n] == pytest.approx(np.abs(e).max(), abs=1e-9)
-        # A configuration that is at its target is on its way to the next one.
+        # A configuration that is at its target goes on to the next one.
         (onward,) = step_kernel(np.r_[q, np.zeros(n), np.inf], here, goal, [1e-6], free)
         np.testing.assert_allclose(onward[:n], there[:n], atol=1e-9)
         assert np.array_equal(onward[n : 2 * n], q)
@@ -227,7 +227,7 @@ def test_a_library_is_built_once(cache):
 
 @needs_compiler
 @pytest.mark.parametrize("damage", [b"", b"\x7fELF", None])
-def test_a_damaged_library_is_built_anew(cache, damage):
+def test_a_damaged_library_is_built_again(cache, damage):
     build_kernel(square())
     (library,) = cache.iterdir()
     content = library.read_bytes()

@@ -114,13 +114,13 @@ def test_the_distance_of_a_capsule_from_a_box_is_that_of_coal():
 
 
 def exact(scene):
-    """The same scene without a look at the capsules."""
+    """The same scene without the check of its capsules."""
     scene._certainly_clear = lambda q, allowed: (np.zeros(len(q), dtype=bool),) * 2
     return scene
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_a_look_at_the_capsules_never_changes_what_the_exact_check_says(name):
+def test_the_check_of_the_capsules_never_changes_what_the_exact_check_says(name):
     q = configurations(name, 400, seed=3)
     touch = [("block", None, "post")[k % 3] for k in range(len(q))]
     for margin in (0.03, 0.0):
@@ -132,7 +132,7 @@ def test_a_look_at_the_capsules_never_changes_what_the_exact_check_says(name):
     assert 10 < truth.clear.sum() < 390
 
 
-@pytest.mark.skipif(compiler() is None, reason="only compiled capsules are looked at first")
+@pytest.mark.skipif(compiler() is None, reason="only compiled capsules are checked first")
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_most_configurations_that_are_clear_of_the_world_need_no_exact_check(name):
     q = configurations(name, 400, seed=4)
@@ -216,8 +216,8 @@ def test_a_table_as_high_as_the_shoulder_is_touched_by_it():
 def test_links_built_close_together_tell_nothing_and_touching_ones_are_left_to_the_exact_check():
     for name in ROBOT_NAMES:
         pairs = self_pairs(load_robot(name), collisions(name).capsule_pairs)
-        assert len(pairs.telling) > 20
-        assert not set(pairs.telling) & set(pairs.close)
+        assert len(pairs.informative) > 20
+        assert not set(pairs.informative) & set(pairs.close)
     assert self_pairs(load_robot("ur5"), collisions("ur5").capsule_pairs).overlapping
     home = load_robot("panda").home
     assert scene_of("panda").capsules.measure(home[None]).own_close[0] > SAFE

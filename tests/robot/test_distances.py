@@ -181,7 +181,7 @@ def test_the_distance_of_a_capsule_from_a_box_is_exact_but_for_the_blending_also
         else:
             inside += 1
             assert d < 0.0
-            # Deep inside the way out is counted to the far side of the blending.
+            # Deep inside the distance out is counted to the far side of the blending.
             assert truth - 2 * BLEND <= d <= truth + 0.012
     assert inside > 50
 
