@@ -39,9 +39,9 @@ from optsc.selection import (
     GraspClearance,
     GraspCost,
     GraspSelector,
+    ReachSolver,
     ReachTable,
     WeightedSum,
-    solve_reach,
 )
 from optsc.sim import tabletop
 
@@ -108,9 +108,7 @@ def table_of(robot: RobotModel, candidates: Candidates, clear: Clear | None, res
     def solve(X_WT: Pose, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return solve_ik(robot, X_WT, seeds=seeds, restarts=restarts)[:2]
 
-    return solve_reach(
-        robot, candidates, robot.home, solve=solve, manipulability=Manipulability(), clear=clear
-    )
+    return ReachSolver(robot, solve, Manipulability()).table(candidates, robot.home, clear=clear)
 
 
 def solved_rows(table: ReachTable) -> int:

@@ -19,7 +19,7 @@ from optsc.selection.explanation import CandidateRow
 from optsc.selection.filters import AtMost, GraspFilter, StraightPathFilter, Vetoed
 from optsc.selection.hysteresis import Hysteresis
 from optsc.selection.ranking import Ranking, Target
-from optsc.selection.reach import ReachTable, refresh, solve_reach
+from optsc.selection.reach import ReachSolver, ReachTable
 from optsc.selection.reach_columns import GraspClearance, StraightMotion
 from optsc.selection.rules import Cascade, Lexicographic, Rule, Stage, WeightedSum
 from optsc.selection.selector import GraspSelector
@@ -46,6 +46,7 @@ __all__ = [
     "PositionDistance",
     "QualityLoss",
     "Ranking",
+    "ReachSolver",
     "ReachTable",
     "Rule",
     "Stage",
@@ -55,6 +56,4 @@ __all__ = [
     "Target",
     "Vetoed",
     "WeightedSum",
-    "refresh",
-    "solve_reach",
 ]

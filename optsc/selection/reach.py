@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.checks import NonNegative, require
+from optsc.checks import Above, Checked, NonNegative
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
@@ -98,6 +98,191 @@ class ReachTable:
         return self.status == REASONS.index(reason)
 
 
+class _Found(NamedTuple):
+    """Configurations (R, n) of some rows, their status (R,), and where the arm stood (R, n)."""
+
+    q_grasp: Array
+    q_pregrasp: Array
+    status: np.ndarray
+    seeds: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ReachSolver(Checked):
+    """Solves reach tables of one arm: rows from scratch, or only those that an older table does not know.
+
+    Attributes:
+        robot: the arm.
+        solve: inverse kinematics, see `SolveIk`.
+        manipulability: the measure M of the rows.
+        standoff: distance of the pre-grasp before the grasp [m]; X_WP = X_WG moved back along the approach axis.
+        motion: how the tool is moved. With it rows have to be approached on a straight line, step by step; None
+            asks only for a configuration at both its ends.
+        columns: what else to measure, names of `optsc.selection.reach_columns`.
+        refresh_angle: rows of an older table are kept if the arm stood at most this far away in every joint [rad].
+    """
+
+    robot: RobotModel
+    solve: SolveIk
+    manipulability: ManipulabilityMeasure
+    standoff: Annotated[float, NonNegative] = 0.1
+    motion: StraightMotion | None = None
+    columns: frozenset[str] = frozenset()
+    refresh_angle: Annotated[float, Above(0.0)] = 0.1
+
+    def table(
+        self,
+        candidates: Candidates,
+        q: ArrayLike,
+        *,
+        clear: ClearRows | None = None,
+        known: ReachTable | None = None,
+    ) -> ReachTable:
+        """Return the reach table of all candidates as seen from the arm's configuration ``q`` (n,) [rad].
+
+        ``clear`` is the collision check of rows that IK reached; None checks nothing. What an older table has ``known``
+        of grasps that have not moved is kept; only what depends on other objects is checked again.
+
+        Raises:
+            InvalidValue: a configuration that is not finite, or a column that cannot be measured without a motion or
+                a collision check that knows distances.
+        """
+        require_measurable(self.columns, self.motion, clear)
+        here = _checked(q)
+        X_WG = _twin_poses(candidates)
+        seed = np.broadcast_to(here, (*X_WG.shape, len(here)))
+        table = ReachTable(
+            candidates=candidates,
+            standoff=self.standoff,
+            X_WG=X_WG,
+            X_WP=X_WG @ Pose.from_translation([0.0, 0.0, -self.standoff]),
+            q_grasp=seed,
+            q_pregrasp=seed,
+            status=np.full(X_WG.shape, UNREACHABLE, dtype=np.int8),
+            manipulability=np.zeros(X_WG.shape),
+            seed=seed,
+            columns={name: np.zeros(X_WG.shape) for name in self.columns},
+        )
+        rows = np.arange(table.rows)
+        if known is not None and known.standoff == self.standoff and known.twins == table.twins:
+            same, of_old = _rows_at_the_same_place(known, table)
+            gap = np.abs(known.seed.reshape(-1, len(here))[of_old] - here).max(axis=1, initial=0.0)
+            near = gap <= self.refresh_angle
+            table = self._kept(table, same[near], known, of_old[near], clear)
+            rows = np.setdiff1d(rows, same[near])
+        return self._solved(table, rows, here, clear)
+
+    def refresh(
+        self, table: ReachTable, rows: ArrayLike, q: ArrayLike, *, clear: ClearRows | None = None
+    ) -> ReachTable:
+        """Return a new table in which some rows (R,) were solved again from the configuration ``q`` (n,) [rad].
+
+        What is found replaces what was known, also when a row is no longer reached, and in all columns that the table
+        has. Raises `InvalidValue` for a configuration that is not finite.
+        """
+        return self._solved(table, np.asarray(rows, dtype=np.int64), _checked(q), clear)
+
+    def _solved(
+        self, table: ReachTable, rows: np.ndarray, here: Array, clear: ClearRows | None
+    ) -> ReachTable:
+        """Return the table with some rows solved again from the configuration ``here`` (n,)."""
+        if not len(rows):
+            return table
+        seeds = np.repeat(here[None], len(rows), axis=0)
+        return self._judged(table, rows, self._found_from(table, rows, seeds), clear)
+
+    def _found_from(self, table: ReachTable, rows: np.ndarray, seeds: Array) -> _Found:
+        """Return the configurations of rows that the arm gets to from ``seeds``: one (n,) for all, repeated."""
+        q_pregrasp = seeds.copy()
+        status = np.full(len(rows), PREGRASP_UNREACHABLE, dtype=np.int8)
+        found, solution = _solve(self.solve, _flat(table.X_WP, rows), seeds[0])
+        q_pregrasp[found] = solution[found]
+        q_grasp = q_pregrasp.copy()
+        status[found] = UNREACHABLE
+        if self.motion is not None and len(found):
+            # The configuration at the end of the line is the one the arm would have; another solution would not do.
+            end, reached = self.motion.approach(
+                q_pregrasp[found], _flat(table.X_WP, rows[found]), table.standoff
+            )
+            q_grasp[found[reached]] = end[reached]
+            status[found[reached]] = REACHED
+            found = found[~reached]
+        reached, solution = _solve(self.solve, _flat(table.X_WG, rows[found]), q_pregrasp[found])
+        q_grasp[found[reached]] = solution[reached]
+        status[found[reached]] = REACHED if self.motion is None else NO_STRAIGHT_APPROACH
+        return _Found(q_grasp, q_pregrasp, status, seeds)
+
+    def _kept(
+        self,
+        table: ReachTable,
+        rows: np.ndarray,
+        known: ReachTable,
+        of_old: np.ndarray,
+        clear: ClearRows | None,
+    ) -> ReachTable:
+        """Return the table with the configurations that are known of some rows, judged in the scene as it is now."""
+        if not len(rows):
+            return table
+        n = known.seed.shape[-1]
+        q_grasp, q_pregrasp, seeds = (
+            values.reshape(-1, n)[of_old] for values in (known.q_grasp, known.q_pregrasp, known.seed)
+        )
+        status = known.status.ravel()[of_old]
+        # What collided was reached, and may be clear now.
+        status = np.where(status == COLLISION, REACHED, status).astype(np.int8)
+        return self._judged(table, rows, _Found(q_grasp, q_pregrasp, status, seeds), clear)
+
+    def _judged(
+        self, table: ReachTable, rows: np.ndarray, found: _Found, clear: ClearRows | None
+    ) -> ReachTable:
+        """Return the table with what was found for some rows, checked for collisions and measured."""
+        q_grasp, q_pregrasp, status, seeds = found
+        usable = np.flatnonzero(status == REACHED)
+        if clear is not None and len(usable):
+            subset = _row_candidates(table, rows[usable])
+            free = np.asarray(clear(q_grasp[usable], q_pregrasp[usable], subset), dtype=bool)
+            status[usable[~free]] = COLLISION
+            usable = usable[free]
+        M = np.zeros(len(rows))
+        if len(usable):
+            M[usable] = self.manipulability.evaluate(self.robot, q_grasp[usable])
+        # A measure that is not a number (an overflow at the edge of the model) is no reason to prefer a grasp.
+        M[~np.isfinite(M)] = 0.0
+        return replace(
+            table,
+            q_grasp=_with_rows(table.q_grasp, rows, q_grasp),
+            q_pregrasp=_with_rows(table.q_pregrasp, rows, q_pregrasp),
+            status=_with_rows(table.status, rows, status),
+            manipulability=_with_rows(table.manipulability, rows, M),
+            seed=_with_rows(table.seed, rows, seeds),
+            columns=self._columns(table, rows, found, usable, clear) if table.columns else {},
+        )
+
+    def _columns(
+        self, table: ReachTable, rows: np.ndarray, found: _Found, usable: np.ndarray, clear: ClearRows | None
+    ) -> dict[str, Array]:
+        """Return the columns of the table with the ``usable`` ones of some rows measured."""
+        names, new = frozenset(table.columns), dict[str, Array]()
+        if len(usable):
+            candidates, which = table.candidates, rows[usable]
+            reached = ReachedRows(
+                self.robot,
+                found.seeds[usable],
+                found.q_pregrasp[usable],
+                found.q_grasp[usable],
+                _flat(table.X_WP, which),
+                _flat(table.X_WG, which),
+                np.array(candidates.object_names)[candidates.object_index[which // table.twins]],
+            )
+            new = measured(names, reached, self.manipulability, self.motion, clear)
+        columns = {}
+        for name in names:
+            values = np.zeros(len(rows))
+            values[usable] = new.get(name, 0.0)
+            columns[name] = _with_rows(table.columns[name], rows, values)
+        return columns
+
+
 def _twin_poses(candidates: Candidates) -> Pose:
     stored = candidates.X_WG
     poses = [stored, stored @ HALF_TURN] if candidates.jaw_symmetric else [stored]
@@ -106,144 +291,11 @@ def _twin_poses(candidates: Candidates) -> Pose:
     )
 
 
-class _Tools(NamedTuple):
-    """What rows are solved and judged with; see `solve_reach`."""
-
-    robot: RobotModel
-    solve: SolveIk
-    manipulability: ManipulabilityMeasure
-    clear: ClearRows | None
-    motion: StraightMotion | None
-    columns: frozenset[str]
-
-
-def solve_reach(
-    robot: RobotModel,
-    candidates: Candidates,
-    q: ArrayLike,
-    *,
-    solve: SolveIk,
-    manipulability: ManipulabilityMeasure,
-    standoff: float = 0.10,
-    clear: ClearRows | None = None,
-    motion: StraightMotion | None = None,
-    columns: frozenset[str] = frozenset(),
-    known: ReachTable | None = None,
-    refresh_angle: float = 0.1,
-) -> ReachTable:
-    """Return the reach table of all candidates as seen from the arm's configuration.
-
-    Args:
-        robot: the arm.
-        candidates: the grasps, placed in the world.
-        q: the arm's present configuration (n,) [rad].
-        solve: inverse kinematics, see `SolveIk`.
-        manipulability: the measure M of the rows.
-        standoff: distance of the pre-grasp before the grasp [m]; X_WP = X_WG moved back along the approach
-            axis.
-        clear: collision check of rows that IK reached; None checks nothing.
-        motion: how the tool is moved. With it rows have to be approached on a straight line, step by step; None
-            asks only for a configuration at both its ends.
-        columns: what else to measure, names of `optsc.selection.reach_columns`.
-        known: an older table. What it has of grasps that have not moved, solved from a configuration no more than
-            ``refresh_angle`` [rad] away, is kept; only what depends on other objects is checked again.
-        refresh_angle: see ``known``.
-
-    Raises:
-        InvalidValue: a configuration that is not finite, a negative standoff, or a column that cannot be measured with
-            what is given.
-    """
-    require("standoff", standoff, NonNegative)
-    require_measurable(columns, motion, clear)
-    tools = _Tools(robot, solve, manipulability, clear, motion, columns)
-    here = _checked(q)
-    X_WG = _twin_poses(candidates)
-    seed = np.broadcast_to(here, (*X_WG.shape, len(here)))
-    table = ReachTable(
-        candidates=candidates,
-        standoff=standoff,
-        X_WG=X_WG,
-        X_WP=X_WG @ Pose.from_translation([0.0, 0.0, -standoff]),
-        q_grasp=seed,
-        q_pregrasp=seed,
-        status=np.full(X_WG.shape, UNREACHABLE, dtype=np.int8),
-        manipulability=np.zeros(X_WG.shape),
-        seed=seed,
-        columns={name: np.zeros(X_WG.shape) for name in columns},
-    )
-    rows = np.arange(table.rows)
-    if known is not None and known.standoff == standoff and known.twins == table.twins:
-        same, of_old = _rows_at_the_same_place(known, table)
-        gap = np.abs(known.seed.reshape(-1, len(here))[of_old] - here).max(axis=1, initial=0.0)
-        near = gap <= refresh_angle
-        table = _kept(table, same[near], known, of_old[near], tools)
-        rows = np.setdiff1d(rows, same[near])
-    return _solved(table, rows, here, tools)
-
-
-def refresh(
-    table: ReachTable,
-    rows: ArrayLike,
-    q: ArrayLike,
-    *,
-    robot: RobotModel,
-    solve: SolveIk,
-    manipulability: ManipulabilityMeasure,
-    clear: ClearRows | None = None,
-    motion: StraightMotion | None = None,
-) -> ReachTable:
-    """Return a new table in which some rows (R,) were solved again from the configuration ``q`` (n,) [rad].
-
-    What is found replaces what was known, also when a row is no longer reached, and in all columns that the table
-    has. Raises `InvalidValue` for a configuration that is not finite.
-    """
-    tools = _Tools(robot, solve, manipulability, clear, motion, frozenset(table.columns))
-    return _solved(table, np.asarray(rows, dtype=np.int64), _checked(q), tools)
-
-
 def _checked(q: ArrayLike) -> Array:
     here = np.asarray(q, dtype=float)
     if here.ndim != 1 or not np.isfinite(here).all():
         raise InvalidValue("q", here.tolist(), "finite, shape (n,) [rad]")
     return here
-
-
-class _Found(NamedTuple):
-    """Configurations (R, n) of some rows, and their status (R,)."""
-
-    q_grasp: Array
-    q_pregrasp: Array
-    status: np.ndarray
-
-
-def _solved(table: ReachTable, rows: np.ndarray, here: Array, tools: _Tools) -> ReachTable:
-    """Return the table with some rows solved again from the configuration ``here`` (n,)."""
-    if not len(rows):
-        return table
-    seeds = np.repeat(here[None], len(rows), axis=0)
-    return _judged(table, rows, _found_from(table, rows, seeds, tools), seeds, tools)
-
-
-def _found_from(table: ReachTable, rows: np.ndarray, seeds: Array, tools: _Tools) -> _Found:
-    """Return the configurations of rows that the arm gets to from ``seeds``: one (n,) for all, repeated."""
-    q_pregrasp = seeds.copy()
-    status = np.full(len(rows), PREGRASP_UNREACHABLE, dtype=np.int8)
-    found, solution = _solve(tools.solve, _flat(table.X_WP, rows), seeds[0])
-    q_pregrasp[found] = solution[found]
-    q_grasp = q_pregrasp.copy()
-    status[found] = UNREACHABLE
-    if tools.motion is not None and len(found):
-        # The configuration at the end of the line is the one the arm would have; another solution would not do.
-        end, reached = tools.motion.approach(
-            q_pregrasp[found], _flat(table.X_WP, rows[found]), table.standoff
-        )
-        q_grasp[found[reached]] = end[reached]
-        status[found[reached]] = REACHED
-        found = found[~reached]
-    reached, solution = _solve(tools.solve, _flat(table.X_WG, rows[found]), q_pregrasp[found])
-    q_grasp[found[reached]] = solution[reached]
-    status[found[reached]] = REACHED if tools.motion is None else NO_STRAIGHT_APPROACH
-    return _Found(q_grasp, q_pregrasp, status)
 
 
 def _solve(solve: SolveIk, X_WT: Pose, seeds: Array) -> tuple[np.ndarray, Array]:
@@ -276,72 +328,6 @@ def _rows_at_the_same_place(known: ReachTable, table: ReachTable) -> tuple[np.nd
     twin = np.arange(table.twins)
     rows, of_known = (candidates[same, None] * table.twins + twin for candidates in (mine, its))
     return rows.ravel(), of_known.ravel()
-
-
-def _kept(
-    table: ReachTable, rows: np.ndarray, known: ReachTable, of_old: np.ndarray, tools: _Tools
-) -> ReachTable:
-    """Return the table with the configurations that are known of some rows, judged in the scene as it is now."""
-    if not len(rows):
-        return table
-    n = known.seed.shape[-1]
-    q_grasp, q_pregrasp, seeds = (
-        values.reshape(-1, n)[of_old] for values in (known.q_grasp, known.q_pregrasp, known.seed)
-    )
-    status = known.status.ravel()[of_old]
-    # What collided was reached, and may be clear now.
-    status = np.where(status == COLLISION, REACHED, status).astype(np.int8)
-    return _judged(table, rows, _Found(q_grasp, q_pregrasp, status), seeds, tools)
-
-
-def _judged(table: ReachTable, rows: np.ndarray, found: _Found, seeds: Array, tools: _Tools) -> ReachTable:
-    """Return the table with what was found for some rows, checked for collisions and measured."""
-    q_grasp, q_pregrasp, status = found
-    usable = np.flatnonzero(status == REACHED)
-    if tools.clear is not None and len(usable):
-        subset = _row_candidates(table, rows[usable])
-        free = np.asarray(tools.clear(q_grasp[usable], q_pregrasp[usable], subset), dtype=bool)
-        status[usable[~free]] = COLLISION
-        usable = usable[free]
-    M = np.zeros(len(rows))
-    if len(usable):
-        M[usable] = tools.manipulability.evaluate(tools.robot, q_grasp[usable])
-    # A measure that is not a number (an overflow at the edge of the model) is no reason to prefer a grasp.
-    M[~np.isfinite(M)] = 0.0
-    return replace(
-        table,
-        q_grasp=_with_rows(table.q_grasp, rows, q_grasp),
-        q_pregrasp=_with_rows(table.q_pregrasp, rows, q_pregrasp),
-        status=_with_rows(table.status, rows, status),
-        manipulability=_with_rows(table.manipulability, rows, M),
-        seed=_with_rows(table.seed, rows, seeds),
-        columns=_columns(table, rows, found, seeds, usable, tools) if tools.columns else {},
-    )
-
-
-def _columns(
-    table: ReachTable, rows: np.ndarray, found: _Found, seeds: Array, usable: np.ndarray, tools: _Tools
-) -> dict[str, Array]:
-    """Return the columns of the table with the ``usable`` ones of some rows measured."""
-    new: dict[str, Array] = {}
-    if len(usable):
-        candidates, which = table.candidates, rows[usable]
-        reached = ReachedRows(
-            tools.robot,
-            seeds[usable],
-            found.q_pregrasp[usable],
-            found.q_grasp[usable],
-            _flat(table.X_WP, which),
-            _flat(table.X_WG, which),
-            np.array(candidates.object_names)[candidates.object_index[which // table.twins]],
-        )
-        new = measured(tools.columns, reached, tools.manipulability, tools.motion, tools.clear)
-    columns = {}
-    for name in tools.columns:
-        values = np.zeros(len(rows))
-        values[usable] = new.get(name, 0.0)
-        columns[name] = _with_rows(table.columns[name], rows, values)
-    return columns
 
 
 def _frozen(values: ArrayLike) -> np.ndarray:

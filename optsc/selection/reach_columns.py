@@ -54,7 +54,7 @@ class DistanceCheck(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class GraspClearance:
-    """``clear(q_grasp, q_pregrasp, candidates)`` for `optsc.selection.reach.solve_reach`, in one scene.
+    """``clear(q_grasp, q_pregrasp, candidates)`` for `optsc.selection.ReachSolver`, in one scene.
 
     At the pre-grasp nothing may touch anything. At the grasp the hand may touch the object it grasps, and
     nothing else; the rest of the arm may not touch even that. The jaws stand fully open in both, as on the

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import inf, isfinite, sqrt
+from math import isfinite, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsc.checks import NonNegative, Whole, require
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
@@ -19,7 +20,7 @@ from optsc.selection.filters import GraspFilter, Vetoed
 from optsc.selection.grid import Grid, Situation
 from optsc.selection.hysteresis import Hysteresis, Viewpoint
 from optsc.selection.ranking import Ranking
-from optsc.selection.reach import ClearRows, ReachTable, SolveIk, refresh, solve_reach
+from optsc.selection.reach import ClearRows, ReachSolver, ReachTable, SolveIk
 from optsc.selection.reach_columns import StraightMotion, needed
 from optsc.selection.rules import Cascade, Rule
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from optsc.robot.manipulability import ManipulabilityMeasure
 
 FINALISTS = 6
-"""How many of the best grasps of each object must be judged from the arm's present posture."""
+"""How many of the best grasps of each object must be judged from the arm's present configuration."""
 
 
 RESTARTS = 0
@@ -72,16 +73,17 @@ class GraspSelector:
     """Ranks the grasps of every object for the pose of the hand.
 
     On the scene clock `observe` solves the reach table; on the control clock `rank` reads it. Two kinds of
-    numbers depend on where the arm stands, the postures and their manipulability; so before the final choice
-    the best grasps of every object that were solved from a posture further away than ``refresh_angle`` are
+    numbers depend on where the arm stands, the configurations and their manipulability; so before the final choice
+    the best grasps of every object that were solved from a configuration further away than ``refresh_angle`` are
     solved again, at most ``refresh_limit`` of them in one call.
 
     Unreachable candidates are filtered out before any stage, so that a stage of 30 means 30 grasps that the
-    arm can carry out. Where jaws are symmetric, a candidate also stands for its half-turned twin: of those
-    twins the arm can carry out, the one nearer to the hand in orientation.
+    arm can reach. Where jaws are symmetric, a candidate also stands for its half-turned twin: of those
+    twins the arm can reach, the one nearer to the hand in orientation.
 
     Attributes:
         robot: the arm.
+        solver: how reach tables are solved.
         rule: how candidates are ranked.
         filters: which candidates may be ranked, besides reachability and the operator's vetoes.
         hysteresis: how far hand and arm move before the ranking takes notice; None for at once.
@@ -116,8 +118,8 @@ class GraspSelector:
             hysteresis: how far hand and arm move before the ranking takes notice; None, as in the paper, for at once.
             speed, angular_speed: of the tool on the approach [m/s, rad/s], by which straight paths are judged.
             solve: inverse kinematics, see `optsc.selection.reach.SolveIk`; by default `optsc.solve_ik`.
-            motion: how the tool is led to a grasp, see `optsc.selection.reach.solve_reach`; by default, with the
-                default ``solve``, straight at those speeds.
+            motion: how the tool is moved to a grasp, see `ReachSolver`; by default, with the default ``solve``,
+                straight at those speeds.
             refresh_angle: how far a joint may be [rad] from where a finalist was solved before it is solved
                 again.
             refresh_limit: rows solved again in one call of `rank`, at most.
@@ -125,12 +127,7 @@ class GraspSelector:
         Raises:
             InvalidValue: a setting out of range.
         """
-        if not refresh_angle > 0.0:
-            raise InvalidValue("refresh_angle", refresh_angle, "above 0 rad")
-        if refresh_limit < 0:
-            raise InvalidValue("refresh_limit", refresh_limit, "0 or more")
-        if not 0.0 <= standoff < inf:
-            raise InvalidValue("standoff", standoff, "0 m or more")
+        require("refresh_limit", refresh_limit, Whole, NonNegative)
         if manipulability is None:
             from optsc.robot.manipulability import Manipulability
 
@@ -138,17 +135,18 @@ class GraspSelector:
         if solve is None:
             solve, motion = _solver(robot), motion or StraightMotion(robot, speed, angular_speed)
         self.robot, self.filters, self.hysteresis = robot, tuple(filters), hysteresis
-        self.rule: Rule = Cascade.paper() if rule is None else rule
-        self._solve, self._standoff = solve, standoff
-        self._refresh_angle, self._refresh_limit = refresh_angle, refresh_limit
-        self._motion = motion
-        self.rank_by(self.rule, manipulability)
+        self._refresh_limit = refresh_limit
+        self.solver = ReachSolver(
+            robot, solve, manipulability, standoff=standoff, motion=motion, refresh_angle=refresh_angle
+        )
+        self.rank_by(Cascade.paper() if rule is None else rule, manipulability)
         self.state = SelectorState(filters=self.filters)
 
     def rank_by(self, rule: Rule, manipulability: ManipulabilityMeasure) -> None:
         """Rank by another rule and definition of M from now on; tables are solved with it from the next scene on."""
-        self.rule, self._manipulability = rule, manipulability
-        self._columns = needed((*rule.costs, *self.filters))
+        self.rule: Rule = rule
+        columns = needed((*rule.costs, *self.filters))
+        self.solver = replace(self.solver, manipulability=manipulability, columns=columns)
 
     def forget(self) -> None:
         """Start again: without vetoes, and with the next hand pose as if it were the first."""
@@ -172,29 +170,17 @@ class GraspSelector:
     def observe(
         self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None, reuse: bool = True
     ) -> ReachTable:
-        """Solve, keep and return the reach table of ``candidates``, seen from the posture ``q`` (n,) [rad].
+        """Solve, keep and return the reach table of ``candidates``, seen from the configuration ``q`` (n,) [rad].
 
         To be called when an object moved or grasps were stored; ``clear`` checks rows for collisions in this
         scene. Grasps that have not moved, while no joint did by more than ``refresh_angle``, are not solved again
         but only judged in the new scene; with ``reuse`` off all are, so that nothing depends on what came before.
 
         Raises:
-            InvalidValue: a posture that is not finite, or a column that the rule or a filter reads and that cannot
-                be measured without ``clear`` or without a motion.
+            InvalidValue: a configuration that is not finite, or a column that the rule or a filter reads and that
+                cannot be measured without ``clear`` or without a motion.
         """
-        table = solve_reach(
-            self.robot,
-            candidates,
-            q,
-            solve=self._solve,
-            manipulability=self._manipulability,
-            standoff=self._standoff,
-            clear=clear,
-            motion=self._motion,
-            columns=self._columns,
-            known=self.table if reuse else None,
-            refresh_angle=self._refresh_angle,
-        )
+        table = self.solver.table(candidates, q, clear=clear, known=self.table if reuse else None)
         self.use(table, clear=clear)
         return table
 
@@ -203,7 +189,7 @@ class GraspSelector:
 
         Raises `InvalidValue` where it lacks a column that the rule or a filter reads.
         """
-        if missing := self._columns - set(table.columns):
+        if missing := self.solver.columns - set(table.columns):
             raise InvalidValue("columns of the table", sorted(table.columns), f"also {sorted(missing)}")
         self.state = self.state._replace(grid=Grid(table), clear=clear)
 
@@ -219,11 +205,11 @@ class GraspSelector:
 
         Args:
             X_WT: pose of the tool.
-            q: present posture of the arm (n,) [rad].
+            q: present configuration of the arm (n,) [rad].
             candidates: observed first when they are not those at hand (without a collision check).
             refresh_limit: in place of the selector's for this call: more at a moment of decision, 0 for none.
 
-        A pose, a posture or candidates that are not usable give the previous ranking, or an empty one, with
+        A pose, a configuration or candidates that are not usable give the previous ranking, or an empty one, with
         the reason; nothing is raised for them.
         """
         reason = _unusable(X_WT, q, self.robot.n)
@@ -260,7 +246,8 @@ class GraspSelector:
             rows = self._outdated(decision.situation, decision.selection.finalists(FINALISTS))
             if not len(rows) or budget <= 0:
                 return inputs.grid, Ranking.of_decision(decision, stale=len(rows) > 0)
-            grid = inputs.grid.with_table(self._refreshed(inputs.grid.table, rows[:budget], inputs.q))
+            table = self.solver.refresh(inputs.grid.table, rows[:budget], inputs.q, clear=self.state.clear)
+            grid = inputs.grid.with_table(table)
             inputs = inputs._replace(grid=grid)
             budget = budget - len(rows) if thorough else 0
 
@@ -271,45 +258,34 @@ class GraspSelector:
         if situation.turned is not None:
             rows = rows + situation.turned.ravel()[places]
         gaps = np.abs(grid.seeds[rows] - situation.q)
-        if np.maximum.reduce(gaps, axis=None, initial=0.0) <= self._refresh_angle:
+        if np.maximum.reduce(gaps, axis=None, initial=0.0) <= self.solver.refresh_angle:
             return rows[:0]
         gap = gaps.max(axis=1)
         offset = grid.positions.reshape(3, -1)[:, places] - situation.position[:, None]
         order = np.argsort(np.linalg.norm(offset, axis=0), kind="stable")
-        return rows[order[gap[order] > self._refresh_angle]]
-
-    def _refreshed(self, table: ReachTable, rows: np.ndarray, q: Array) -> ReachTable:
-        return refresh(
-            table,
-            rows,
-            q,
-            robot=self.robot,
-            solve=self._solve,
-            manipulability=self._manipulability,
-            clear=self.state.clear,
-            motion=self._motion,
-        )
+        return rows[order[gap[order] > self.solver.refresh_angle]]
 
     def refresh_oldest(self, q: ArrayLike, limit: int) -> int:
-        """Solve anew up to ``limit`` rows of all, those solved furthest from ``q`` first; return how many.
+        """Solve again up to ``limit`` rows of all, those solved furthest from ``q`` first; return how many.
 
         For idle time: it also gives another chance to rows that collided, or were not reached, from where
-        the arm stood before. Raises `InvalidValue` for a posture that is not finite.
+        the arm stood before. Raises `InvalidValue` for a configuration that is not finite.
         """
         grid = self.state.grid
         if grid is None:
             return 0
-        posture = np.asarray(q, dtype=float)
-        gap = np.abs(grid.seeds - posture).max(axis=1, initial=0.0)
+        here = np.asarray(q, dtype=float)
+        gap = np.abs(grid.seeds - here).max(axis=1, initial=0.0)
         oldest = np.argsort(-gap, kind="stable")[:limit]
-        rows = oldest[gap[oldest] > self._refresh_angle]
+        rows = oldest[gap[oldest] > self.solver.refresh_angle]
         if len(rows):
-            self.state = self.state._replace(grid=grid.with_table(self._refreshed(grid.table, rows, posture)))
+            table = self.solver.refresh(grid.table, rows, here, clear=self.state.clear)
+            self.state = self.state._replace(grid=grid.with_table(table))
         return len(rows)
 
 
 def _unusable(X_WT: Pose, q: ArrayLike, n: int) -> str:
-    """Return why a hand pose or posture cannot be ranked for; "" when it can."""
+    """Return why a hand pose or configuration cannot be ranked for; "" when it can."""
     if X_WT.shape != ():
         return f"the hand pose is a batch of shape {X_WT.shape}"
     w, x, y, z = X_WT.quaternion.tolist()
@@ -318,7 +294,7 @@ def _unusable(X_WT: Pose, q: ArrayLike, n: int) -> str:
     if w * w + x * x + y * y + z * z < 1e-12:
         return "the hand's quaternion is zero"
     if np.shape(q) != (n,):
-        return f"the arm's posture has the shape {np.shape(q)}, not ({n},)"
+        return f"the arm's configuration has the shape {np.shape(q)}, not ({n},)"
     if not isfinite(sum(np.asarray(q, dtype=float).tolist())):
-        return "the arm's posture is not finite"
+        return "the arm's configuration is not finite"
     return ""

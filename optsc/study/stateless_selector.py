@@ -129,7 +129,7 @@ class StatelessSelector(GraspSelector):
         def solve() -> ReachTable:
             return super(StatelessSelector, self).observe(candidates, q, clear=clear, reuse=False)
 
-        table = self.tables.get(q, self.measure, self._columns, solve, self.robot)
+        table = self.tables.get(q, self.measure, self.solver.columns, solve, self.robot)
         if table is not self.table:
             self.use(table, clear=clear)
         return table

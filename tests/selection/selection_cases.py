@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from optsc.selection import ReachTable, solve_reach
+from optsc.selection import ReachSolver, ReachTable
 from optsc.testing.costs import JOINTS, random_candidates, random_hand, shuffled
 
 __all__ = [
@@ -39,11 +39,12 @@ class SmoothMeasure:
         return 0.5 + 0.5 * np.sin(np.sum(np.asarray(q) * np.arange(1, JOINTS + 1) * 3.7, axis=-1))
 
 
-def table_of(candidates, q=None, **settings):
-    q = np.zeros(JOINTS) if q is None else q
-    return solve_reach(
-        ROBOT, candidates, q, **{"solve": solve_all, "manipulability": SmoothMeasure(), **settings}
-    )
+def solver(**settings):
+    return ReachSolver(ROBOT, **{"solve": solve_all, "manipulability": SmoothMeasure(), **settings})
+
+
+def table_of(candidates, q=None, clear=None, **settings):
+    return solver(**settings).table(candidates, np.zeros(JOINTS) if q is None else q, clear=clear)
 
 
 def random_table(rng, candidates, reachable=0.8) -> ReachTable:

@@ -359,7 +359,7 @@ def test_the_place_in_an_explanation_is_the_place_in_the_sorted_costs():
         (Pose(np.array([1.0, 0, 0, 0]), np.array([0, np.inf, 0])), Q, "hand pose is not finite"),
         (Pose(np.zeros(4), np.zeros(3)), Q, "quaternion is zero"),
         (Pose.identity((2,)), Q, "batch"),
-        (Pose.identity(), np.full(JOINTS, np.nan), "posture is not finite"),
+        (Pose.identity(), np.full(JOINTS, np.nan), "configuration is not finite"),
         (Pose.identity(), np.zeros(3), "shape"),
         (Pose.identity(), None, "shape"),
     ],

@@ -11,12 +11,13 @@ from selection_cases import (
     random_candidates,
     random_hand,
     solve_all,
+    solver,
     table_of,
 )
 
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose
-from optsc.selection import GraspSelector, JointTravel, WeightedSum, refresh
+from optsc.selection import GraspSelector, JointTravel, WeightedSum
 
 Q = np.linspace(-1.0, 1.0, JOINTS)
 
@@ -102,7 +103,7 @@ def test_refreshing_rows_gives_what_solving_all_from_there_would_have_given_for_
     candidates = random_candidates(np.random.default_rng(45), (10,))
     old, new = table_of(candidates), table_of(candidates, Q)
     rows = np.array([3, 8, 19])
-    mixed = refresh(old, rows, Q, robot=ROBOT, solve=solve_all, manipulability=SmoothMeasure())
+    mixed = solver().refresh(old, rows, Q)
     solved = np.isin(np.arange(20), rows).reshape(10, 2)
     for name in ("q_grasp", "q_pregrasp", "status", "manipulability", "seed"):
         a, b, c = getattr(old, name), getattr(new, name), getattr(mixed, name)

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from selection_cases import JOINTS, ROBOT, SmoothMeasure, random_candidates, random_hand, solve_all, table_of
+from selection_cases import random_candidates, random_hand, table_of
 
 from optsc.control.approach import Approach
 from optsc.control.path_feasibility import can_travel, which_can_travel
@@ -31,10 +31,10 @@ from optsc.selection import (
     PathManipulabilityLoss,
     PathSpeed,
     QualityLoss,
+    ReachSolver,
     StraightMotion,
     StraightPathFilter,
     WeightedSum,
-    solve_reach,
 )
 from optsc.selection import reach_columns as columns
 from optsc.selection.grid import Grid, situate
@@ -225,11 +225,10 @@ def test_columns_that_cannot_be_measured_are_refused_before_anything_is_solved()
         GraspSelector(robot, Cascade.manipulability_only(), filters=(AtMost(ClearanceLoss(), 0.01),)).observe(
             candidates, robot.home
         )
-    settings = {"solve": solve_all, "manipulability": SmoothMeasure()}
     with pytest.raises(InvalidValue, match="StraightMotion"):
-        solve_reach(ROBOT, candidates, np.zeros(JOINTS), columns=frozenset({columns.PATH}), **settings)
+        table_of(candidates, columns=frozenset({columns.PATH}))
     with pytest.raises(UnknownName, match="clearance on the path"):
-        solve_reach(ROBOT, candidates, np.zeros(JOINTS), columns=frozenset({"beauty"}), **settings)
+        table_of(candidates, columns=frozenset({"beauty"}))
     with pytest.raises(InvalidValue, match="also"):
         GraspSelector(robot, EVERYTHING).use(table_of(random_candidates(np.random.default_rng(72), (3,))))
 
@@ -260,9 +259,9 @@ def test_a_grasp_behind_a_limit_on_its_line_is_reached_but_has_no_straight_appro
         found = solve_ik(robot, X_WT, seeds=seeds, restarts=0)
         return found.q, found.success
 
-    settings = {"solve": solve, "manipulability": Manipulability()}
-    plain = solve_reach(robot, grasps(PLACES), robot.home, **settings)
-    table = solve_reach(robot, grasps(PLACES), robot.home, motion=quick, **settings)
+    solver = ReachSolver(robot, solve, Manipulability())
+    plain = solver.table(grasps(PLACES), robot.home)
+    table = replace(solver, motion=quick).table(grasps(PLACES), robot.home)
     refused = table.rejected("no straight approach")
     assert refused.sum() > 10
     assert plain.admissible[refused].all()
@@ -283,8 +282,8 @@ class Counting:
     """The inverse kinematics of a selector, which counts the poses."""
 
     def __init__(self, selector):
-        self.solve, self.poses = selector._solve, 0
-        selector._solve = self
+        self.solve, self.poses = selector.solver.solve, 0
+        selector.solver = replace(selector.solver, solve=self)
 
     def __call__(self, X_WT, seeds):
         self.poses += len(X_WT)
