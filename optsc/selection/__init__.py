@@ -21,7 +21,7 @@ from optsc.selection.hysteresis import Hysteresis
 from optsc.selection.ranking import Ranking, Target
 from optsc.selection.reach import ReachSolver, ReachTable
 from optsc.selection.reach_columns import GraspClearance, StraightMotion
-from optsc.selection.rules import Cascade, Lexicographic, Rule, Stage, WeightedSum
+from optsc.selection.rules import Cascade, Lexicographic, RankingRule, Stage, WeightedSum
 from optsc.selection.selector import GraspSelector
 
 __all__ = [
@@ -46,9 +46,9 @@ __all__ = [
     "PositionDistance",
     "QualityLoss",
     "Ranking",
+    "RankingRule",
     "ReachSolver",
     "ReachTable",
-    "Rule",
     "Stage",
     "StraightMotion",
     "StraightPathFilter",

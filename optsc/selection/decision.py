@@ -13,7 +13,7 @@ from optsc.selection.costs import GraspCost
 from optsc.selection.filters import GraspFilter
 from optsc.selection.grid import Grid, Layout, Situation, situate
 from optsc.selection.reach import REASONS
-from optsc.selection.rules import Rule, Selection
+from optsc.selection.rules import RankingRule, Selection
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
@@ -23,7 +23,7 @@ class RankingInputs(NamedTuple):
     """What a ranking follows from: unit quaternion (4,), position (3,) [m], configuration (n,) [rad], finite."""
 
     grid: Grid
-    rule: Rule
+    rule: RankingRule
     filters: tuple[GraspFilter, ...]
     quaternion: Array
     position: Array
@@ -45,7 +45,7 @@ class Decision:
     selection: Selection
 
     @property
-    def rule(self) -> Rule:
+    def rule(self) -> RankingRule:
         """The rule that ranked."""
         return self.inputs.rule
 

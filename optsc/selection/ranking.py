@@ -17,7 +17,7 @@ from optsc.selection import explanation
 from optsc.selection.costs import GraspCost, PoseDistance
 from optsc.selection.decision import Decision, RankingInputs, decide
 from optsc.selection.explanation import CandidateRow
-from optsc.selection.rules import Rule
+from optsc.selection.rules import RankingRule
 
 AIM = PoseDistance(position=(1.0, 1.0, 0.1), rotation=(1.0, 1.0, 0.25))
 """How far a grasp is from what the hand points at (tuned here): the path along the approach is travelled anyway, and
@@ -175,7 +175,7 @@ class Ranking:
         return np.zeros(0, dtype=object) if self._inputs is None else self.decision.rejected_by()
 
     @property
-    def rule(self) -> Rule:
+    def rule(self) -> RankingRule:
         """The rule that ranked."""
         return self._known.rule
 

@@ -104,7 +104,7 @@ class Selection:
         return mask.ravel().nonzero()[0]
 
 
-class Rule(ABC):
+class RankingRule(ABC):
     """Ranks the admissible candidates of every object by itself."""
 
     @property
@@ -140,7 +140,7 @@ class Stage(Checked):
 
 
 @dataclass(frozen=True)
-class Cascade(Rule):
+class Cascade(RankingRule):
     """Stage after stage keeps the best candidates by its cost; the last keeps one.
 
     Attributes:
@@ -198,7 +198,7 @@ class Cascade(Rule):
 
 
 @dataclass(frozen=True)
-class WeightedSum(Rule):
+class WeightedSum(RankingRule):
     """Sort by the weighted sum of costs; a weight of zero equals leaving the term out.
 
     Attributes:
@@ -231,7 +231,7 @@ class WeightedSum(Rule):
 
 
 @dataclass(frozen=True)
-class Lexicographic(Rule):
+class Lexicographic(RankingRule):
     """Sort by the first cost in coarse steps, within a step by the second, and so on.
 
     Attributes:

@@ -22,7 +22,7 @@ from optsc.selection.hysteresis import Hysteresis, Viewpoint
 from optsc.selection.ranking import Ranking
 from optsc.selection.reach import ClearRows, ReachSolver, ReachTable, SolveIk
 from optsc.selection.reach_columns import StraightMotion, needed
-from optsc.selection.rules import Cascade, Rule
+from optsc.selection.rules import Cascade, RankingRule
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
@@ -94,7 +94,7 @@ class GraspSelector:
     def __init__(
         self,
         robot: RobotModel,
-        rule: Rule | None = None,
+        rule: RankingRule | None = None,
         manipulability: ManipulabilityMeasure | None = None,
         *,
         standoff: float = 0.1,
@@ -142,9 +142,9 @@ class GraspSelector:
         self.rank_by(Cascade.paper() if rule is None else rule, manipulability)
         self.state = SelectorState(filters=self.filters)
 
-    def rank_by(self, rule: Rule, manipulability: ManipulabilityMeasure) -> None:
+    def rank_by(self, rule: RankingRule, manipulability: ManipulabilityMeasure) -> None:
         """Rank by another rule and definition of M from now on; tables are solved with it from the next scene on."""
-        self.rule: Rule = rule
+        self.rule: RankingRule = rule
         columns = needed((*rule.costs, *self.filters))
         self.solver = replace(self.solver, manipulability=manipulability, columns=columns)
 

@@ -12,7 +12,7 @@ from optsc.errors import UnknownName
 from optsc.operators import Operator
 from optsc.people import TYPES, Simulated, operator_type
 from optsc.robot.manipulability import DEFINITIONS, Manipulability
-from optsc.selection import Cascade, Rule
+from optsc.selection import Cascade, RankingRule
 from optsc.study.fingerprint import Plain, fingerprint, plain
 
 
@@ -64,7 +64,7 @@ class Condition(Checked):
     """
 
     name: str
-    rule: Rule
+    rule: RankingRule
     measure: Annotated[str, OneOf(DEFINITIONS, "definition of M")] = DEFAULT_MEASURE
     about: Mapping[str, Any] = field(default_factory=dict, compare=False, hash=False)
 

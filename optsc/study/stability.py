@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optsc.selection import Cascade, Rule, Stage, WeightedSum
+from optsc.selection import Cascade, RankingRule, Stage, WeightedSum
 from optsc.study.conditions import Condition, OperatorSpec
 from optsc.study.engine import Engine
 from optsc.study.episode_setup import EpisodeSettings
@@ -40,7 +40,7 @@ class Stability(NamedTuple):
     same_choice: float
 
 
-def perturbed(rule: Rule, size: float, rng: np.random.Generator) -> Rule:
+def perturbed(rule: RankingRule, size: float, rng: np.random.Generator) -> RankingRule:
     """Return ``rule`` with every weight, or every number of grasps that a stage keeps, times exp(size N(0, 1)).
 
     Rules that have neither come back as they are.

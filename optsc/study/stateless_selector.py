@@ -20,7 +20,7 @@ from optsc.geometry.rotation import Array
 from optsc.grasps import Candidates
 from optsc.robot import RobotModel
 from optsc.robot.manipulability import Manipulability
-from optsc.selection import GraspSelector, Ranking, ReachTable, Rule
+from optsc.selection import GraspSelector, Ranking, RankingRule, ReachTable
 from optsc.selection.reach import ClearRows
 from optsc.study.conditions import measure
 
@@ -70,7 +70,7 @@ class StatelessSelector(GraspSelector):
     def __init__(
         self,
         robot: RobotModel,
-        rule: Rule,
+        rule: RankingRule,
         measure_name: str,
         approach: Approach,
         tables: Tables | None = None,
@@ -87,7 +87,7 @@ class StatelessSelector(GraspSelector):
         self.tables = Tables() if tables is None else tables
         self._scene: tuple[Candidates, ClearRows | None] | None = None
 
-    def decide_by(self, rule: Rule, measure_name: str) -> None:
+    def decide_by(self, rule: RankingRule, measure_name: str) -> None:
         """Rank by another rule and definition of M from now on; raise `UnknownName`."""
         self.measure = measure_name
         self.rank_by(rule, measure(measure_name))

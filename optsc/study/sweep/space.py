@@ -27,7 +27,15 @@ import numpy as np
 from optsc import selection
 from optsc.checks import Checked, NonNegative, OneOf, Where, require
 from optsc.errors import InvalidValue
-from optsc.selection import Cascade, GraspCost, ManipulabilityLoss, PoseDistance, Rule, Stage, WeightedSum
+from optsc.selection import (
+    Cascade,
+    GraspCost,
+    ManipulabilityLoss,
+    PoseDistance,
+    RankingRule,
+    Stage,
+    WeightedSum,
+)
 from optsc.study.conditions import DEFAULT_MEASURE, Condition, measure
 
 Point: TypeAlias = dict[str, Any]
@@ -194,7 +202,7 @@ def check_distinct(dimensions: Sequence[Dimension]) -> None:
         raise InvalidValue("dimensions", names, "at least one, each once")
 
 
-def rule_of(point: Point) -> Rule:
+def rule_of(point: Point) -> RankingRule:
     """Return the rule that a point stands for: a weighted sum if it has weights, else a cascade.
 
     Raises `UnknownName` for a name that means nothing, and `InvalidValue` for weights that are all zero, for a value
@@ -216,7 +224,7 @@ def rule_of(point: Point) -> Rule:
     return rule
 
 
-def _rule(point: Point) -> Rule:
+def _rule(point: Point) -> RankingRule:
     weights = {name.removeprefix("weight."): v for name, v in point.items() if name.startswith("weight.")}
     if weights:
         terms = [(_cost(cost, point), float(w) / SCALES[cost]) for cost, w in sorted(weights.items())]
@@ -226,7 +234,7 @@ def _rule(point: Point) -> Rule:
     return Cascade.paper(int(point.get("keep.orientation", 30)), int(point.get("keep.position", 6)))
 
 
-def _dimensions_of(rule: Rule) -> set[str]:
+def _dimensions_of(rule: RankingRule) -> set[str]:
     """Return the names of all dimensions that ``rule`` depends on, a weight of zero included."""
     # The definition of M is the condition's: also a rule without M has it in its rows.
     names = {"measure"}
