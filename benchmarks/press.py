@@ -18,9 +18,9 @@ import numpy as np
 
 from benchmarks.machine import markdown_table, save
 from benchmarks.peers import MinkPeer, PinkPeer, Surface
+from optsc.collision import CollisionAvoidance
 from optsc.control.servo import Servo
 from optsc.geometry import Pose, TriangleMesh, rotation
-from optsc.ik import Avoidance
 from optsc.robot import RobotModel, load_robot
 
 APPROACH = 2.0
@@ -82,10 +82,10 @@ def cases_for(robot: RobotModel) -> list[Case]:
     return cases
 
 
-def avoidance_of(robot: RobotModel, surface: Surface) -> Avoidance:
+def avoidance_of(robot: RobotModel, surface: Surface) -> CollisionAvoidance:
     """Return what keeps the servo's whole arm clear of itself and of a surface: the table, or a wall without one."""
     if surface.axis == 2:
-        return Avoidance(robot, table_height=-surface.at)
+        return CollisionAvoidance(robot, table_height=-surface.at)
     half = np.array([1.5, 1.5, 1.5])
     half[surface.axis] = 0.05
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
@@ -93,7 +93,7 @@ def avoidance_of(robot: RobotModel, surface: Surface) -> Avoidance:
     centre[surface.axis] = surface.sign * (surface.at + 0.05)
     # Of a mesh its hull counts, so one face will do.
     wall = TriangleMesh(half * corners, [[0, 1, 3]])
-    return Avoidance(robot, {"wall": (wall, Pose.from_translation(centre))}, table_height=None)
+    return CollisionAvoidance(robot, {"wall": (wall, Pose.from_translation(centre))}, table_height=None)
 
 
 def stream(robot: RobotModel, case: Case, rate: float, seconds: float, tremor: bool) -> list[Pose | None]:

@@ -27,22 +27,14 @@ from benchmarks.machine import machine, markdown_table, save
 from benchmarks.peers import PinkPeer
 from optsc import selection
 from optsc.cache import cache_directory
+from optsc.collision import CollisionModel, GraspClearance
 from optsc.geometry import Pose
 from optsc.grasps import Candidates
 from optsc.ik.batch import solve_ik
 from optsc.robot import ROBOT_NAMES, RobotModel, load_robot
-from optsc.robot.collision import CollisionModel
 from optsc.robot.manipulability import Manipulability
 from optsc.sampling import build_library
-from optsc.selection import (
-    Cascade,
-    GraspClearance,
-    GraspCost,
-    GraspSelector,
-    ReachSolver,
-    ReachTable,
-    WeightedSum,
-)
+from optsc.selection import Cascade, GraspCost, GraspSelector, ReachSolver, ReachTable, WeightedSum
 from optsc.sim import tabletop
 
 SIZES = (10, 30, 100, 300, 1000, 3000, 10000)

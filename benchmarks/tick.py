@@ -31,9 +31,9 @@ from benchmarks.peers import (
     arm_only,
     target_path,
 )
+from optsc.collision import CollisionAvoidance
 from optsc.control.servo import Servo
 from optsc.geometry import Pose
-from optsc.ik import Avoidance
 from optsc.operators.clutch import ClutchSettings, Hand, engage, follow
 from optsc.robot import RobotModel, load_robot
 from optsc.sim import tabletop
@@ -62,7 +62,7 @@ class ServoContender:
     """The servo behind a clutch, as a controller in manual mode runs it."""
 
     def __init__(
-        self, robot: RobotModel, rate: float, name: str = SERVO, avoid: Avoidance | None = None
+        self, robot: RobotModel, rate: float, name: str = SERVO, avoid: CollisionAvoidance | None = None
     ) -> None:
         self._settings, self._name = ClutchSettings(orientation="relative"), name
         self.servo = Servo(robot, rate, avoid=avoid)
@@ -143,10 +143,12 @@ class PlacoContender:
         self._process.communicate()
 
 
-def avoidance_of(robot: RobotModel) -> Avoidance:
+def avoidance_of(robot: RobotModel) -> CollisionAvoidance:
     """Avoid the arm itself, the table and the three objects of a scene."""
     world = tabletop(robot, seed=0)
-    return Avoidance(robot, {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()})
+    return CollisionAvoidance(
+        robot, {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()}
+    )
 
 
 def contenders_for(robot: RobotModel, rate: float, placo: str | None) -> tuple[list[Any], list[str]]:

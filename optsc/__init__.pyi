@@ -1,4 +1,5 @@
 from . import checks as checks
+from . import collision as collision
 from . import control as control
 from . import demo as demo
 from . import errors as errors

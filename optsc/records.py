@@ -68,7 +68,7 @@ class SceneUpdate(NamedTuple):
 
     Attributes:
         candidates: the grasps of the scene as it is now.
-        clear: which of them the arm can carry out without collision, see `optsc.selection.GraspClearance`.
+        clear: which of them the arm can carry out without collision, see `optsc.collision.GraspClearance`.
     """
 
     candidates: Candidates

@@ -201,7 +201,7 @@ def run(
         operator: moves the hand.
         follower: is reset first; simulated ones advance by a period per tick, as quickly as they can.
         candidates: the grasps of the scene, where the task is to grasp.
-        clear: which of them the arm can execute without collision, see `optsc.selection.GraspClearance`.
+        clear: which of them the arm can execute without collision, see `optsc.collision.GraspClearance`.
         rate: control rate [Hz].
         duration: the longest run [s].
         start: configuration (n,) [rad] to start from, the robot's home by default.

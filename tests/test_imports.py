@@ -25,6 +25,7 @@ LEVELS = (
     ("metrics",),
     ("session",),
     ("testing",),
+    ("collision",),
     ("sim", "people", "sampling"),
     ("perception",),
     ("viewers",),
@@ -34,9 +35,9 @@ LEVELS = (
 )
 LEVEL = {room: i for i, rooms in enumerate(LEVELS) for room in rooms}
 FENCES = {
-    "pinocchio": {"robot"},
-    "coal": {"robot"},
-    "casadi": {"kernels"},
+    "pinocchio": {"robot", "collision"},
+    "coal": {"collision"},
+    "casadi": {"kernels", "collision"},
     "qpsolvers": {"ik"},
     "proxsuite": {"ik"},
     "daqp": {"ik"},

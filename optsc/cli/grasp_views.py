@@ -9,13 +9,7 @@ from typing import Any, NamedTuple
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import DepthImage
 from optsc.grasps import GraspSet
-from optsc.perception import (
-    Registration,
-    Segment,
-    Template,
-    catalogue_template,
-    template_from_file,
-)
+from optsc.perception import Registration, Segment, Template, catalogue_template, template_from_file
 from optsc.perception.known_objects import ObjectEstimate, estimate_object, grasps_of, unused_name
 from optsc.perception.scene_registration import Observation, recognise
 from optsc.perception.table import find_table

@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optsc.collision import CollisionModel
+from optsc.collision.capsules import link_capsules
+from optsc.collision.clearance import ends_over_table, self_pairs
+from optsc.collision.kernels.clearance import BOX, clearance
 from optsc.geometry.rotation import Array
 from optsc.kernels.chain import kinematics
-from optsc.kernels.clearance import BOX, clearance
 from optsc.kernels.kernel import Kernel, build_kernel
 from optsc.kernels.manipulability import penalised_product
 from optsc.kernels.rollout import rollout
 from optsc.kernels.search import STARTS, search
-from optsc.robot.capsules import link_capsules
-from optsc.robot.clearance import ends_over_table, self_pairs
-from optsc.robot.collision import CollisionModel
 from optsc.robot.model import RobotModel
 
 DRAWS = 30

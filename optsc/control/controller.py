@@ -24,7 +24,7 @@ from optsc.errors import InvalidValue
 from optsc.followers.protocol import FollowerState
 from optsc.geometry import Pose
 from optsc.grasps import Candidates
-from optsc.ik import Avoidance
+from optsc.ik.avoidance import Avoidance
 from optsc.operators import Button, ClutchSettings, OperatorSample
 from optsc.operators.clutch import Hand, recentred
 from optsc.operators.smoothing import Smoothing
@@ -156,7 +156,7 @@ class SharedController:
         """Take in the candidate grasps of the scene as it is now: solves and scores them all, which takes a while.
 
         ``clear`` tells which of them the arm can execute without touching what it should not, see
-        `optsc.selection.GraspClearance`. Vetoes and beliefs begin again. If the object that the robot is on its way to
+        `optsc.collision.GraspClearance`. Vetoes and beliefs begin again. If the object that the robot is on its way to
         has moved or is gone, the next tick is a fault.
         """
         state, doubt = self.state, self.state.doubt
@@ -384,5 +384,4 @@ class SharedController:
         name = touchable(state.mode, state.target, intended, state.touchable)
         if name != state.touchable:
             self._set(touchable=name)
-            known = any(pair.other == name for pair in self._avoid.model.pairs)
-            self._avoid.hand_may_touch(*([name] if name is not None and known else []))
+            self._avoid.hand_may_touch(name if name in self._avoid.obstacles else None)

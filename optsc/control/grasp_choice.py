@@ -21,15 +21,7 @@ from optsc.grasps import Candidates
 from optsc.operators.clutch import ClutchSettings, Hand
 from optsc.robot import RobotModel
 from optsc.selection import GraspSelector, Ranking, Target
-from optsc.selection.intent import (
-    Belief,
-    CostToGo,
-    Goals,
-    IntentSettings,
-    cost_to_go,
-    updated,
-    wasted,
-)
+from optsc.selection.intent import Belief, CostToGo, Goals, IntentSettings, cost_to_go, updated, wasted
 from optsc.selection.reach import ClearRows, ReachTable
 
 RANKING_PERIOD = 0.02

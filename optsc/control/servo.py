@@ -19,7 +19,7 @@ The joint velocity q' of the tick and the slacks s of collision avoidance solve 
 
 with V* = V_r + min(k, sqrt(b / |e|)) e, the reference's twist and its distance e from the tool. The cost is built in
 `optsc.ik.differential`, the bounds are the viable interval (`optsc.kernels.viable`), the rows are those of
-`optsc.robot.distances`.
+`optsc.collision.distances`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ from optsc.control.status import FOLLOWING, Command, Status, held_back, near_sin
 from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
-from optsc.ik import Avoidance, DifferentialIK, IkSettings, make_solver, ramp_time, tool_braking
+from optsc.ik import DifferentialIK, IkSettings, make_solver, ramp_time, tool_braking
+from optsc.ik.avoidance import Avoidance
 from optsc.kernels.kernel import build_kernel
 from optsc.kernels.reference import ReferenceSettings, reference_model
 from optsc.kernels.viable import Bound

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from optsc.collision import GraspClearance
 from optsc.followers.protocol import Follower, FollowerState
 from optsc.geometry import PinholeCamera
 from optsc.perception import (
@@ -21,7 +22,6 @@ from optsc.perception import (
     catalogue_templates,
 )
 from optsc.records import SceneUpdate
-from optsc.selection import GraspClearance
 from optsc.sim import Tabletop
 from optsc.sim.camera import DEFAULT_CAMERA, DepthCamera
 from optsc.study.episode_setup import collision_model

@@ -101,3 +101,10 @@ def kinematics(chain: Chain) -> casadi.Function:
     """Return the function q (n,) -> R_WT (3, 3), p_WT (3,) [m], Jacobian (6, n): one pass for all three."""
     q = casadi.SX.sym("q", chain.n)
     return casadi.Function("kinematics", [q], [*tool_kinematics(chain, q)], ["q"], ["R_WT", "p_WT", "J_WT"])
+
+
+class Rates(NamedTuple):
+    """Greatest joint velocities and accelerations, each (n,) [rad/s, rad/s^2]."""
+
+    velocity: Array
+    acceleration: Array

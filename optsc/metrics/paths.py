@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NearestDistance: TypeAlias = Callable[[Array], Array]
 """Returns of configurations (N, n) [rad] the distance of each to the nearest thing (N,) [m], such as a method of
-`optsc.robot.clearance.ClearanceScene` or a user-defined distance model; negative where bodies overlap."""
+`optsc.collision.clearance.ClearanceScene` or a user-defined distance model; negative where bodies overlap."""
 
 LIFT_HEIGHT = 0.10
 """An object counts as lifted when it was at least this much above its place [m] ..."""

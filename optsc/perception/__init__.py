@@ -10,12 +10,7 @@ from optsc.perception.scene_registration import RegisteredSegment, register_scen
 from optsc.perception.scene_state import SceneEvent, SceneEventKind, SceneState
 from optsc.perception.scoring import add_s
 from optsc.perception.search import SearchSettings
-from optsc.perception.segmentation import (
-    DroppedCluster,
-    Segmentation,
-    SegmentationSettings,
-    segment_image,
-)
+from optsc.perception.segmentation import DroppedCluster, Segmentation, SegmentationSettings, segment_image
 from optsc.perception.segments import Segment, joined_segments, segment_from_pixels, split_at_creases
 from optsc.perception.templates import (
     Template,

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.checks import Below, NonNegative, require
+from optsc.collision.capsules import link_capsules
+from optsc.collision.kernels.capsules import capsule_ends
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, PinholeCamera, Pose
 from optsc.geometry.rotation import Array
-from optsc.kernels.capsules import capsule_ends
 from optsc.robot import RobotModel
-from optsc.robot.capsules import link_capsules
 
 MARGIN = 0.01
 """Capsules are this much thicker [m]: for links that look larger than they collide, and errors of calibration."""

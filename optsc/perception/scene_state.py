@@ -66,7 +66,7 @@ class SceneState:
 
     @property
     def obstacles(self) -> dict[str, tuple[tuple[TriangleMesh, ...], Pose]]:
-        """Shapes and poses of what stands around, for `optsc.robot.collision.CollisionModel.scene`."""
+        """Shapes and poses of what stands around, for `optsc.collision.CollisionModel.scene`."""
         return {
             name: (known.parts, known.X_WO) for name, known in self.objects.items() if name not in self.held
         }

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from optsc.checks import Above, ArrayOf, AtMost, Checked, Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.kernels.rows import Rates
+from optsc.kernels.chain import Rates
 
 
 @dataclass(frozen=True, eq=False)

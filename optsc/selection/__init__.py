@@ -20,7 +20,7 @@ from optsc.selection.filters import AtMost, GraspFilter, StraightPathFilter, Vet
 from optsc.selection.hysteresis import Hysteresis
 from optsc.selection.ranking import Ranking, Target
 from optsc.selection.reach import ReachSolver, ReachTable
-from optsc.selection.reach_columns import GraspClearance, StraightMotion
+from optsc.selection.reach_columns import StraightMotion
 from optsc.selection.rules import Cascade, Lexicographic, RankingRule, Stage, WeightedSum
 from optsc.selection.selector import GraspSelector
 
@@ -29,7 +29,6 @@ __all__ = [
     "CandidateRow",
     "Cascade",
     "ClearanceLoss",
-    "GraspClearance",
     "GraspCost",
     "GraspFilter",
     "GraspSelector",

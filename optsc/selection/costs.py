@@ -14,13 +14,7 @@ import numpy as np
 from optsc.checks import Above, AtMost, Checked, Each, NonNegative
 from optsc.geometry.rotation import Array
 from optsc.selection.grid import Grid, Situation
-from optsc.selection.reach_columns import (
-    CLEARANCE,
-    PATH_CLEARANCE,
-    PATH_MANIPULABILITY,
-    PATH_SPEED,
-    needed,
-)
+from optsc.selection.reach_columns import CLEARANCE, PATH_CLEARANCE, PATH_MANIPULABILITY, PATH_SPEED, needed
 
 Weights = Annotated[tuple[float, float, float], Each(NonNegative)]
 

@@ -189,7 +189,7 @@ def _attitude(rng: np.random.Generator, lying: bool) -> Array:
 
 def _hovering(world: Tabletop, rng: np.random.Generator) -> Array:
     """Return a configuration (n,) [rad] with the hand above the objects that touches nothing; else the home one."""
-    from optsc.robot.collision import CollisionModel
+    from optsc.collision import CollisionModel
 
     robot = world.robot
     scene = CollisionModel(robot).scene(world.placed_parts, margin=0.01)

@@ -11,6 +11,9 @@ import numpy as np
 
 import optsc
 from optsc.checks import Checked, OneOf, Positive
+from optsc.collision import CollisionModel, GraspClearance
+from optsc.collision.distances import DistanceModel
+from optsc.collision.model import TABLE
 from optsc.control.approach import Approach
 from optsc.control.arbitration import Arbitration
 from optsc.control.controller import SharedController
@@ -23,9 +26,7 @@ from optsc.operators import ClutchSettings
 from optsc.people.simulated import R_WS_DEFAULT
 from optsc.records import SceneUpdate
 from optsc.robot import RobotModel
-from optsc.robot.collision import TABLE, CollisionModel
-from optsc.robot.distances import DistanceModel
-from optsc.selection import GraspClearance, GraspSelector
+from optsc.selection import GraspSelector
 from optsc.sim import OBJECT_NAMES, ObjectModel, Tabletop, object_model
 from optsc.study.conditions import PAPER, Condition, OperatorSpec
 from optsc.study.fingerprint import fingerprint, plain

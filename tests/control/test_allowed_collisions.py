@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from optsc.collision import CollisionAvoidance
 from optsc.control.mode_entry import touchable
 from optsc.control.modes import Mode
 from optsc.control.policies import Manual
 from optsc.geometry import Pose
 from optsc.geometry.mesh import TriangleMesh
 from optsc.grasps import Candidates
-from optsc.ik import Avoidance
 from optsc.robot import load_robot
 from optsc.testing.loop import DOWN, PLACES, Loop, assert_limits_hold, scene
 
@@ -71,7 +71,7 @@ def test_with_collision_avoidance_the_hand_still_gets_to_its_grasp(robot, policy
         jaw_symmetric=True,
     )
     obstacle = {"thing": (box((0.04, 0.04, 0.1)), Pose.from_translation(place))}
-    avoid = Avoidance(robot, obstacle, table_height=None)
+    avoid = CollisionAvoidance(robot, obstacle, table_height=None)
     loop = Loop(robot, one, avoid=avoid, arbitration=policy)
     loop.go(0.1)
     way = place - loop.tool().translation
@@ -91,7 +91,7 @@ def test_with_collision_avoidance_the_hand_still_gets_to_its_grasp(robot, policy
 
 def test_an_object_that_is_no_obstacle_is_no_matter(robot):
     """The hand may touch it anyway."""
-    loop = Loop(robot, scene(), avoid=Avoidance(robot, table_height=None), arbitration=Manual())
+    loop = Loop(robot, scene(), avoid=CollisionAvoidance(robot, table_height=None), arbitration=Manual())
     loop.go(0.2)
     assert loop.controller.state.touchable in PLACES
     assert loop.steps[-1].mode is Mode.MANUAL

@@ -5,9 +5,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from optsc.collision import CollisionAvoidance
 from optsc.control.servo import Servo, Status
 from optsc.geometry import Pose, TriangleMesh, rotation
-from optsc.ik import Avoidance
 from optsc.robot import load_robot
 from optsc.sim import object_model
 
@@ -21,13 +21,13 @@ PLACES = {"mug": -0.25, "can": 0.0, "box": 0.25}
 def among_objects(name):
     robot = load_robot(name)
     objects = {o: (object_model(o).parts, Pose.from_translation([0.5, y, 0.0])) for o, y in PLACES.items()}
-    return robot, Avoidance(robot, objects)
+    return robot, CollisionAvoidance(robot, objects)
 
 
 @lru_cache
 def with_cube(name):
     robot = load_robot(name)
-    return robot, Avoidance(robot, {"cube": (CUBE, Pose.from_translation([0, 0, 5.0]))})
+    return robot, CollisionAvoidance(robot, {"cube": (CUBE, Pose.from_translation([0, 0, 5.0]))})
 
 
 def least(avoid, q):

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from optsc.collision import CollisionAvoidance
 from optsc.control.arbitration import Arbitration
 from optsc.control.fine_tuning import FineTuning
 from optsc.control.modes import Event, Mode
@@ -15,7 +16,6 @@ from optsc.control.servo import Servo
 from optsc.control.state import same
 from optsc.control.status import Status
 from optsc.geometry import Pose
-from optsc.ik import Avoidance
 from optsc.operators import Button, OperatorSample
 from optsc.operators.smoothing import Smoothing
 from optsc.robot import load_robot
@@ -87,7 +87,7 @@ def until(loop, mode, longest=8.0):
 
 
 def test_a_snapshot_restored_in_any_mode_goes_on_with_the_same_bytes(robot):
-    avoid = Avoidance(robot, table_height=0.0)
+    avoid = CollisionAvoidance(robot, table_height=0.0)
     loop = Recording(robot, scene(PLACE), fine_tuning=FineTuning(), avoid=avoid, smoothing=Smoothing())
     loop.tick()
     loop.go(0.3, move=(0.02, 0.0, 0.0))

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from optsc.errors import InvalidValue
-from optsc.metrics import (
-    agreement,
-    intervention_ratio,
-    operator_effort,
-    switch_count,
-    time_in_mode,
-)
+from optsc.metrics import agreement, intervention_ratio, operator_effort, switch_count, time_in_mode
 
 
 def test_the_times_in_all_modes_add_up_to_the_whole():

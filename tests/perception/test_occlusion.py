@@ -48,7 +48,7 @@ def verdict(rows, columns, depth, **settings):
 
 
 def test_the_capsules_end_where_the_arm_s_joints_put_them(robot):
-    from optsc.robot.capsules import link_capsules
+    from optsc.collision.capsules import link_capsules
 
     capsules = link_capsules(robot)
     for q in configurations(robot, 5):

@@ -9,12 +9,7 @@ from perception_cases import drawn, segment_of, upright
 
 from benchmarks.pose_errors import surface_distance, surface_tail
 from optsc.geometry import PointCloud, Pose
-from optsc.perception import (
-    RegistrationSettings,
-    SearchSettings,
-    catalogue_template,
-    complete_cloud,
-)
+from optsc.perception import RegistrationSettings, SearchSettings, catalogue_template, complete_cloud
 from optsc.perception.pose_hypotheses import PoseHypotheses
 from optsc.perception.refinement import normal_equations
 from optsc.perception.scoring import fit, free_space

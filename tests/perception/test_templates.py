@@ -6,12 +6,7 @@ import pytest
 from benchmarks.pose_errors import surface_distance, surface_tail
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh
-from optsc.perception import (
-    add_s,
-    catalogue_template,
-    template_from_file,
-    template_from_mesh,
-)
+from optsc.perception import add_s, catalogue_template, template_from_file, template_from_mesh
 from optsc.perception.distance_field import distance_field
 from optsc.sim.objects.solids import cuboid, revolved
 

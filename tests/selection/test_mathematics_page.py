@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optsc.collision.clearance import HORIZON
 from optsc.kernels.newton import DAMPING, FLOOR
 from optsc.kernels.rollout import END_TOLERANCE, STEP_TOLERANCE, STEPS
 from optsc.robot import load_robot
-from optsc.robot.clearance import HORIZON
 from optsc.robot.manipulability import DEFINITIONS, Manipulability
 from optsc.robot.rollout import STEP_TIME
 from optsc.selection.reach_columns import TO_GRASP, TO_PREGRASP, WORST_SPEED

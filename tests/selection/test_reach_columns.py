@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from selection_cases import random_candidates, random_hand, table_of
 
+from optsc.collision import CollisionModel, GraspClearance
 from optsc.control.approach import Approach
 from optsc.control.path_feasibility import can_travel, which_can_travel
 from optsc.errors import InvalidValue, UnknownName
@@ -16,14 +17,12 @@ from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.grasps import Candidates
 from optsc.ik.batch import solve_ik
 from optsc.robot import load_robot
-from optsc.robot.collision import CollisionModel
 from optsc.robot.manipulability import Manipulability
 from optsc.robot.rollout import straight_line_rollout
 from optsc.selection import (
     AtMost,
     Cascade,
     ClearanceLoss,
-    GraspClearance,
     GraspSelector,
     ManipulabilityLoss,
     PathClearanceLoss,

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from selection_cases import random_hand
 
+from optsc.collision import CollisionModel, GraspClearance
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.grasps import Candidates
 from optsc.ik.batch import solve_ik
 from optsc.robot import load_robot
-from optsc.robot.collision import CollisionModel
 from optsc.robot.manipulability import Manipulability
-from optsc.selection import GraspClearance, GraspSelector
+from optsc.selection import GraspSelector
 
 PLACES = {"cube": (0.45, 0.15), "post": (0.5, -0.15)}
 HEIGHTS = {"cube": 0.05, "post": 0.12}

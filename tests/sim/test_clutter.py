@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from optsc.collision import CollisionModel
 from optsc.errors import InvalidValue, UnknownName
 from optsc.robot import load_robot
-from optsc.robot.collision import CollisionModel
 from optsc.sim.clutter import cluttered_tabletop
 from optsc.sim.physics import Physics
 

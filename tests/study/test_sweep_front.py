@@ -8,13 +8,7 @@ from optsc.study.cases import Cases
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER
 from optsc.study.outcomes import do
 from optsc.study.sweep.report import MEASURES, build, differences
-from optsc.study.sweep.results import (
-    KNEE,
-    MEANS,
-    difference_from,
-    setting_results,
-    shown_settings,
-)
+from optsc.study.sweep.results import KNEE, MEANS, difference_from, setting_results, shown_settings
 from optsc.study.sweep.space import conditions
 
 

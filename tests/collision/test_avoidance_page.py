@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optsc.collision import AvoidanceSettings, CollisionAvoidance
 from optsc.geometry import Pose, TriangleMesh
-from optsc.ik import Avoidance, AvoidanceSettings
 from optsc.robot import load_robot
 
 PAGE = (Path(__file__).parents[2] / "docs" / "avoidance.md").read_text()
@@ -34,7 +34,10 @@ def test_the_numbers_of_the_table_follow_from_the_formulas():
 def test_the_rows_are_those_of_the_formulas():
     robot, settings = load_robot("panda"), AvoidanceSettings()
     tool = robot.forward(robot.home).translation
-    avoid, seen = Avoidance(robot, {"cube": (CUBE, Pose.from_translation(tool))}, table_height=None), 0
+    avoid, seen = (
+        CollisionAvoidance(robot, {"cube": (CUBE, Pose.from_translation(tool))}, table_height=None),
+        0,
+    )
     for gap in np.linspace(-0.02, 0.2, 23):
         avoid.move("cube", Pose.from_translation(tool + [0.0, 0.0, -0.06 - gap]))
         rows = avoid.rows(robot.home, np.full(7, -20.0), np.full(7, 20.0))
@@ -69,7 +72,7 @@ def test_the_example_presses_the_table_and_says_so(capsys):
 def test_the_hand_may_touch_what_it_is_allowed_and_nothing_after_none():
     robot = load_robot("panda")
     tool = robot.forward(robot.home).translation
-    avoid = Avoidance(robot, {"cube": (CUBE, Pose.from_translation(tool))})
+    avoid = CollisionAvoidance(robot, {"cube": (CUBE, Pose.from_translation(tool))})
 
     def nearest():
         distance, _ = avoid.model.distances(robot.home)

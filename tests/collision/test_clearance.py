@@ -7,14 +7,14 @@ import numpy as np
 import pinocchio
 import pytest
 
+from optsc.collision import CollisionModel
+from optsc.collision.capsules import link_capsules
+from optsc.collision.clearance import HORIZON, SAFE, level, level_ends, self_pairs
+from optsc.collision.kernels.capsules import capsule_ends
+from optsc.collision.kernels.clearance import between_capsules, to_box
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.kernels import compiler
-from optsc.kernels.capsules import capsule_ends
-from optsc.kernels.clearance import between_capsules, to_box
 from optsc.robot import ROBOT_NAMES, load_robot
-from optsc.robot.capsules import link_capsules
-from optsc.robot.clearance import HORIZON, SAFE, level, level_ends, self_pairs
-from optsc.robot.collision import CollisionModel
 
 
 def cuboid(x, y, z):

@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio
 import pytest
 
+from optsc.collision import CollisionModel
 from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.robot import ROBOT_NAMES, load_robot, model_from_urdf
-from optsc.robot.collision import CollisionModel
 
 FAR = Pose.from_translation([0.0, 0.0, 5.0])
 

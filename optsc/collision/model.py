@@ -17,21 +17,14 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike
 
+from optsc.collision.capsules import link_capsules
+from optsc.collision.clearance import SAFE, ClearanceScene, level
+from optsc.collision.link_shapes import LinkShapes
+from optsc.collision.obstacles import TABLE, THINNEST, Obstacles, checked_obstacles, convex_parts, is_flat
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
-from optsc.robot.capsules import link_capsules
-from optsc.robot.clearance import SAFE, ClearanceScene, level
-from optsc.robot.link_shapes import LinkShapes
 from optsc.robot.model import RobotModel
-from optsc.robot.obstacles import (
-    TABLE,
-    THINNEST,
-    Obstacles,
-    checked_obstacles,
-    convex_parts,
-    is_flat,
-)
 
 TABLE_HALF_SIZE = (5.0, 5.0, 1.0)
 """Half extents [m] of the box that stands for the table: wider than any arm's reach."""
@@ -133,7 +126,7 @@ class CollisionModel:
 
     @cached_property
     def capsule_pairs(self) -> tuple[tuple[str, str], ...]:
-        """`self_pairs` by the names that `optsc.robot.capsules` has: both fingers are called after the first."""
+        """`self_pairs` by the names that `optsc.collision.capsules` has: both fingers are called after the first."""
         jaws = [self.shapes.links[i] for i in sorted(self.shapes.jaws)]
         pairs = ((jaws[0] if a in jaws else a, jaws[0] if b in jaws else b) for a, b in self.self_pairs)
         return tuple(dict.fromkeys(pairs))

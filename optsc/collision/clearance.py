@@ -2,7 +2,7 @@
 
 Links are capsules and obstacles boxes, which hold what they stand for, so a clearance is never more than the distance
 of the bodies themselves. Hence it also tells which configurations touch nothing for certain, at a fraction of the
-cost of comparing the bodies (`optsc.robot.collision`).
+cost of comparing the bodies (`optsc.collision.model`).
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from optsc.collision.capsules import link_capsules
+from optsc.collision.kernels.capsules import LinkCapsules, capsule_ends
+from optsc.collision.kernels.clearance import BOX, between_capsules, clearance
+from optsc.collision.obstacles import Boxes, Obstacles, box_slots, boxes_of, convex_parts
 from optsc.geometry import TriangleMesh
 from optsc.geometry.rotation import Array
-from optsc.kernels.capsules import LinkCapsules, capsule_ends
-from optsc.kernels.clearance import BOX, between_capsules, clearance
 from optsc.kernels.kernel import BatchKernel, build_batch_kernel
-from optsc.robot.capsules import link_capsules
 from optsc.robot.model import RobotModel
-from optsc.robot.obstacles import Boxes, Obstacles, box_slots, boxes_of, convex_parts
 
 HORIZON = 0.2
 """Clearances count up to this [m]: what is further away is no obstacle."""

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from optsc.collision import AvoidanceSettings, CollisionAvoidance
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh
-from optsc.ik import Avoidance, AvoidanceSettings, Rows, make_solver, solver_names
+from optsc.ik import Rows, make_solver, solver_names
 from optsc.robot import load_robot
 
 NAMES = [name for name in ("daqp", "proxqp", "quadprog", "osqp") if name in solver_names()]
@@ -70,7 +71,7 @@ def at_tool(robot, p):
 @pytest.fixture(scope="module")
 def panda():
     robot = load_robot("panda")
-    return robot, Avoidance(robot, {"cube": (CUBE, at_tool(robot, [0, 0, 1.0]))})
+    return robot, CollisionAvoidance(robot, {"cube": (CUBE, at_tool(robot, [0, 0, 1.0]))})
 
 
 def around(v, width=0.05):
@@ -166,6 +167,6 @@ def test_impossible_settings_are_refused(panda):
         with pytest.raises(InvalidValue):
             AvoidanceSettings(**wrong)
     with pytest.raises(InvalidValue, match="margin"):
-        Avoidance(panda[0], settings=AvoidanceSettings(margin=2.0))
+        CollisionAvoidance(panda[0], settings=AvoidanceSettings(margin=2.0))
     with pytest.raises(UnknownName, match="cube"):
         panda[1].move("cup", Pose.identity())

@@ -10,11 +10,11 @@ import coal
 import numpy as np
 
 from optsc.cache import computed_once, content_key
+from optsc.collision.capsule_fit import FIT_STEPS, GRID, LONGEST_EDGE, MOST_CAPSULES, WORTH, cover
+from optsc.collision.kernels.capsules import LinkCapsules
+from optsc.collision.link_shapes import LinkShapes
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.kernels.capsules import LinkCapsules
-from optsc.robot.capsule_fit import FIT_STEPS, GRID, LONGEST_EDGE, MOST_CAPSULES, WORTH, cover
-from optsc.robot.link_shapes import LinkShapes
 from optsc.robot.model import RobotModel
 
 FORMAT = 2

@@ -16,8 +16,7 @@ from typing import NamedTuple
 import casadi
 import numpy as np
 
-from optsc.geometry.rotation import Array
-from optsc.kernels.chain import Chain
+from optsc.kernels.chain import Chain, Rates
 from optsc.kernels.symbols import only_if
 
 FLAT = 1e-4
@@ -27,7 +26,7 @@ HEAD = 3
 
 
 class RowSettings:
-    """Layout of the settings vector; see `optsc.ik.avoidance` for meaning and units."""
+    """Layout of the settings vector; see `optsc.collision.avoidance` for meaning and units."""
 
     SIZE = 6
     MARGIN, TABLE_HEIGHT, BRAKING, MOST_BRAKING, DELAY, PUSH = range(6)
@@ -40,13 +39,6 @@ class Box:
     ROTATION, CENTRE, HALF = slice(0, 9), slice(9, 12), slice(12, 15)
     LINEAR, ANGULAR = slice(15, 18), slice(18, 21)
     ABSENT, HAND_MAY_TOUCH = 21, 22
-
-
-class Rates(NamedTuple):
-    """Greatest joint velocities and accelerations, each (n,) [rad/s, rad/s^2]."""
-
-    velocity: Array
-    acceleration: Array
 
 
 class RowBuilder:

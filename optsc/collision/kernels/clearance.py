@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import casadi
 import numpy as np
 
-from optsc.kernels.capsules import (
+from optsc.collision.kernels.capsules import (
     TINY,
     LinkCapsules,
     capsule_ends,

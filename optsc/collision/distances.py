@@ -1,8 +1,8 @@
 """Signed distances of an arm to the table, to named obstacles and to itself, as rows on its joint velocity.
 
-Links are capsules (`optsc.robot.capsules`), obstacles are boxes around their convex parts: both hold what they stand
-for, so distances are never overestimated. Everything is worked out in one call of a compiled function
-(`optsc.kernels.distances`).
+Links are capsules (`optsc.collision.capsules`), obstacles are boxes around their convex parts: both hold what they
+stand for, so distances are never overestimated. Everything is worked out in one call of a compiled function
+(`optsc.collision.kernels.distances`).
 """
 
 from __future__ import annotations
@@ -12,18 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.errors import InvalidValue, UnknownName
-from optsc.geometry import Pose
-from optsc.geometry.rotation import Array
-from optsc.kernels.capsules import LinkCapsules
-from optsc.kernels.distances import SelfPair, TableEnd, distance_rows
-from optsc.kernels.kernel import Kernel, build_kernel
-from optsc.kernels.rows import HEAD, Box
-from optsc.robot.capsules import link_capsules
-from optsc.robot.clearance import TRAVEL, linked_pairs, sampled_configurations
-from optsc.robot.collision import CollisionModel
-from optsc.robot.model import RobotModel
-from optsc.robot.obstacles import (
+from optsc.collision.capsules import link_capsules
+from optsc.collision.clearance import TRAVEL, linked_pairs, sampled_configurations
+from optsc.collision.kernels.capsules import LinkCapsules
+from optsc.collision.kernels.distances import SelfPair, TableEnd, distance_rows
+from optsc.collision.kernels.rows import HEAD, Box
+from optsc.collision.model import CollisionModel
+from optsc.collision.obstacles import (
     TABLE,
     Boxes,
     Obstacles,
@@ -32,6 +27,11 @@ from optsc.robot.obstacles import (
     checked_obstacles,
     convex_parts,
 )
+from optsc.errors import InvalidValue, UnknownName
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
+from optsc.kernels.kernel import Kernel, build_kernel
+from optsc.robot.model import RobotModel
 
 SPARE_AT_HOME = 0.5
 """Share of a distance at home that a margin may take up, where links are built close together."""
@@ -112,7 +112,7 @@ class DistanceModel:
             distance_rows(robot.chain, robot.limits.rates, self.capsules, self_pairs, table_ends, self._slots)
         )
         self._q, self._low, self._high, self.settings, self.obstacles = self._kernel.inputs
-        """Boxes of the obstacles, one column each, as `optsc.kernels.rows.Box` lays them out."""
+        """Boxes of the obstacles, one column each, as `optsc.collision.kernels.rows.Box` lays them out."""
         self.settings[:] = margin, table_height or 0.0, 1.0, 1.0, 0.1, 0.1
         self._rows = self._kernel.outputs[0].T  # (P, 3 + n)
         self.obstacles[Box.ABSENT] = 1.0
@@ -133,6 +133,11 @@ class DistanceModel:
             *(BodyPair(link[a], name) for name in owner for a in moving),
         )
         """The two bodies of every row there can be; links of several capsules appear several times."""
+
+    @property
+    def obstacle_names(self) -> frozenset[str]:
+        """Names of the obstacles."""
+        return frozenset(self._parts)
 
     def _slot(self, name: str) -> tuple[slice, Boxes]:
         if name not in self._parts:

@@ -7,15 +7,15 @@ import numpy as np
 import pinocchio
 import pytest
 
+from optsc.collision import CollisionModel
+from optsc.collision.capsule_fit import distance_to_segment
+from optsc.collision.capsules import link_capsules
+from optsc.collision.distances import DistanceModel
+from optsc.collision.kernels.distances import BLEND
+from optsc.collision.obstacles import boxes_of
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
-from optsc.kernels.distances import BLEND
 from optsc.robot import ROBOT_NAMES, load_robot
-from optsc.robot.capsule_fit import distance_to_segment
-from optsc.robot.capsules import link_capsules
-from optsc.robot.collision import CollisionModel
-from optsc.robot.distances import DistanceModel
-from optsc.robot.obstacles import boxes_of
 
 
 def cuboid(x, y, z):

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import casadi
 import numpy as np
 
+from optsc.collision.kernels.capsules import TINY, LinkCapsules, clip, nearest_shares, nearest_to_box, norm
+from optsc.collision.kernels.rows import HEAD, Box, PairFunctions, RowBuilder, RowSettings
 from optsc.geometry.rotation import Array
-from optsc.kernels.capsules import TINY, LinkCapsules, clip, nearest_shares, nearest_to_box, norm
-from optsc.kernels.chain import Chain, joint_frames
-from optsc.kernels.rows import HEAD, Box, PairFunctions, Rates, RowBuilder, RowSettings
+from optsc.kernels.chain import Chain, Rates, joint_frames
 from optsc.kernels.symbols import symbols
 
 BLEND = 1e-3

@@ -1,0 +1,43 @@
+"""Grasp clearance: which grasps the arm can reach without touching what it should not, in one scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from optsc.collision.model import CollisionScene
+from optsc.geometry.rotation import Array
+from optsc.grasps import Candidates
+
+
+@dataclass(frozen=True, eq=False)
+class GraspClearance:
+    """``clear(q_grasp, q_pregrasp, candidates)`` for `optsc.selection.ReachSolver`, in one scene.
+
+    At the pre-grasp nothing may touch anything. At the grasp the hand may touch the object it grasps, and
+    nothing else; the rest of the arm may not touch even that. The jaws stand fully open in both, as on the
+    approach.
+
+    Attributes:
+        scene: the arm among the table and the obstacles, which are named like the objects of the candidates.
+    """
+
+    scene: CollisionScene
+
+    def __call__(self, q_grasp: Array, q_pregrasp: Array, candidates: Candidates) -> np.ndarray:
+        """Return which rows (R,) are clear."""
+        count = len(q_grasp)
+        targets = [candidates.object_names[k] for k in candidates.object_index.tolist()]
+        both = np.concatenate([q_pregrasp, q_grasp])
+        clear = self.scene.clear(both, hand_may_touch=[*[None] * count, *targets]).clear
+        return clear[:count] & clear[count:]
+
+    def distances(self, q: Array, hand_may_touch: np.ndarray | None = None) -> Array:
+        """Return the clearances (R,) of configurations (R, n) [m], at most `optsc.collision.clearance.HORIZON`.
+
+        They are those of capsules and boxes around the bodies, so they are never too large; links that are built
+        close together do not count. ``hand_may_touch`` (R,) names an object for each configuration, "" for none.
+        """
+        found = self.scene.capsules.measure(q, hand_may_touch)
+        return np.minimum(found.own, found.world)

@@ -1,0 +1,1 @@
+"""CasADi functions of distances: capsules, boxes, clearances, and rows of the quadratic program."""
