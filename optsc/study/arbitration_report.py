@@ -219,11 +219,7 @@ def path_of(setup: EpisodeSetup, ticks: Run, label: str) -> ToolPath:
 
 
 def _picture(policies: dict[str, DataFrame], seed: int, name: str) -> Picture:
-    titles = {
-        "success": "success",
-        "grasp_s": MEASURE_TITLES["grasp_s"],
-        "effort_m": MEASURE_TITLES["effort_m"],
-    }
+    titles = {"success": "success", **{c: MEASURE_TITLES[c] for c in ("grasp_s", "effort_m")}}
     groups = {
         column: {
             policy: Estimate(*(_success(rows, seed) if column == "success" else _mean(rows, column, seed)))
@@ -261,19 +257,11 @@ def _table(
 
 
 def _differences(arm: DataFrame, seed: int) -> list[Table | str]:
-    lines = [
-        [
-            name,
-            MEASURE_TITLES[column],
-            d.pairs,
-            d.mean.value,
-            bounds(d.mean),
-            d.d_z,
-            d.mean.low * d.mean.high > 0.0,
-        ]
-        for name in arm["condition"].unique()
-        for column, d in _against(arm, name, seed).items()
-    ]
+    lines: list[list[Any]] = []
+    for name in arm["condition"].unique():
+        for column, d in _against(arm, name, seed).items():
+            clear = d.mean.low * d.mean.high > 0.0
+            lines.append([name, MEASURE_TITLES[column], d.pairs, d.mean.value, bounds(d.mean), d.d_z, clear])
     if not lines:
         return ["The paper's policy was not among those tried."]
     head = ["policy", "measure", "scenes", "minus alternating", "95 %", "d_z", "clear of zero"]
