@@ -17,7 +17,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.checks import Above, AtMost, Below, Checked
+from optsc.checks import Above, AtMost, Below, Checked, Finite
 from optsc.errors import InvalidValue
 from optsc.geometry import DepthImage, rotation
 from optsc.perception.known_objects import (
@@ -56,7 +56,7 @@ class ObserverSettings(Checked):
     segmentation: SegmentationSettings = field(default_factory=SegmentationSettings)
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     grasps: AntipodalSettings | None = None
-    table_height: float = 0.0
+    table_height: Annotated[float, Finite] = 0.0
     unknown: bool = True
     tilt: Annotated[float, Above(0.0), Below(pi)] = 0.2
     explained: Annotated[float, Above(0.0), AtMost(1.0)] = 0.5
