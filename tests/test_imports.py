@@ -142,3 +142,14 @@ def test_an_unknown_public_name_is_an_attribute_error():
 def test_no_module_is_longer_than_a_person_reads_in_one_go():
     lengths = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for _, path in sources()}
     assert {path: n for path, n in lengths.items() if n > 400} == {}
+
+
+@pytest.mark.parametrize("stub", sorted(ROOT.rglob("__init__.pyi")), ids=lambda stub: stub.parent.name)
+def test_no_public_name_hides_a_module(stub):
+    names = {
+        alias.name
+        for node in ast.walk(ast.parse(stub.read_text()))
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    }
+    assert names & {path.stem for path in stub.parent.glob("*.py")} == set()

@@ -50,7 +50,7 @@ from .movements import (
     resample as resample,
 )
 from .movements import (
-    smoothness as smoothness,
+    smoothness_measures as smoothness_measures,
 )
 from .movements import (
     stretch_smoothness as stretch_smoothness,

@@ -1,6 +1,6 @@
 """Movement segmentation and resampling: where a motion begins, rests and ends, and how smooth it is between.
 
-Smoothness depends on the sample rate and on where a movement is cut out of the recording: `smoothness` and
+Smoothness depends on the sample rate and on where a movement is cut out of the recording: `smoothness_measures` and
 `stretch_smoothness` bring motions to one rate, cut them and judge them.
 """
 
@@ -134,7 +134,7 @@ def _to_foot(speed: Array, start: int, stop: int) -> slice:
     return slice(start, stop)
 
 
-def smoothness(motion: Motion) -> Measures:
+def smoothness_measures(motion: Motion) -> Measures:
     """Return smoothness of tool and joints, all at `SMOOTHNESS_RATE`: LDLJ of vectors, SPARC of speeds [-].
 
     Each is of the whole movement: rests before its beginning and after its end are cut off first, for the tool, its
@@ -150,7 +150,7 @@ def smoothness(motion: Motion) -> Measures:
 def stretch_smoothness(motion: Motion, cuts: Sequence[int] = ()) -> Measures:
     """Return the smoothness of the stretches in which something moves, and how many of the tool there are.
 
-    Names and units are those of `smoothness`; each is the mean over the stretches that `moving_stretches` finds,
+    Names and units are those of `smoothness_measures`; each is the mean over the stretches that `moving_stretches` finds,
     weighted by their durations. Stretches are of the tool for the tool and of its turning for that; for the joints they
     are those in which the tool moves or turns, as joints go on moving about a tool at rest. So neither a rest nor a
     dwell makes a motion look less smooth, and a motion in many pieces is judged by its pieces: therefore the number

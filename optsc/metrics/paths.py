@@ -15,7 +15,7 @@ from optsc.geometry import rotation
 from optsc.geometry.rotation import Array
 from optsc.metrics.limits import limit_margins
 from optsc.metrics.motion import Measures, Motion, finite_rows
-from optsc.metrics.movements import smoothness
+from optsc.metrics.movements import smoothness_measures
 
 if TYPE_CHECKING:
     from optsc.robot import RobotModel
@@ -107,7 +107,7 @@ def motion_measures(motion: Motion, robot: RobotModel, nearest: NearestDistance 
         "rotation_rad": rotation_path(motion.X_WT.quaternion),
         "joint_path_rad": path_length(motion.q),
         "straightness": straightness(motion.X_WT.translation) if len(motion) else nan,
-        **smoothness(motion),
+        **smoothness_measures(motion),
         "limit_margin_rad": margins.least,
         "limit_margin_share": margins.least_share,
         "velocity_share": float(speed.max(initial=0.0)),

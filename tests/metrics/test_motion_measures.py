@@ -16,7 +16,7 @@ from optsc.metrics import (
     limit_margins,
     motion_measures,
     path_clearance,
-    smoothness,
+    smoothness_measures,
     stretch_smoothness,
     worst_jumps,
 )
@@ -64,7 +64,7 @@ def test_lengths_times_and_margins_are_those_of_the_curve():
 
 
 def test_smoothness_of_a_minimum_jerk_movement_is_the_published_value_in_tool_and_joints():
-    row = smoothness(motion(minimum_jerk()))
+    row = smoothness_measures(motion(minimum_jerk()))
     # Sampled at 100 Hz: LDLJ -5.224 and SPARC -1.4058; the continuous values are -5.322 and about -1.40.
     for space in ("tool", "joint"):
         assert row[f"ldlj_{space}"] == pytest.approx(-5.22, abs=0.05)
@@ -85,7 +85,7 @@ def test_a_rest_before_or_after_does_not_make_a_movement_less_smooth(measure, re
 def test_a_dwell_between_two_movements_counts_in_the_whole_and_not_in_the_stretches():
     x = minimum_jerk()
     dwelling = motion(np.concatenate([x, np.full(400, x[-1]), x[-1] + x]))
-    assert smoothness(dwelling)["ldlj_tool"] < -8.0
+    assert smoothness_measures(dwelling)["ldlj_tool"] < -8.0
     row = stretch_smoothness(dwelling)
     assert row["ldlj_tool"] == pytest.approx(-5.22, abs=0.15)
     assert row["sparc_joint"] == pytest.approx(-1.405, abs=0.01)
@@ -118,7 +118,7 @@ def test_joints_that_go_on_moving_about_a_tool_at_rest_are_not_measured_then():
     m = motion(np.concatenate([x, still + x[-1], x[-1] + x]))
     elbow = np.column_stack([m.q, 0.3 * np.arange(len(m)) / RATE])
     drifting = Motion(RATE, 0.0, m.modes, elbow, m.v, m.a, m.X_WT, m.hand)
-    assert smoothness(drifting)["ldlj_joint"] < -8.0
+    assert smoothness_measures(drifting)["ldlj_joint"] < -8.0
     assert stretch_smoothness(drifting)["ldlj_joint"] == pytest.approx(-5.0, abs=0.5)
 
 
@@ -127,13 +127,13 @@ def test_where_nothing_moves_there_is_no_smoothness_and_no_stretch():
         row = stretch_smoothness(still)
         assert (row["stretches"], row["moving_s"]) == (0.0, 0.0)
         assert math.isnan(row["ldlj_tool"])
-        assert math.isnan(smoothness(still)["sparc_joint"])
+        assert math.isnan(smoothness_measures(still)["sparc_joint"])
 
 
 def test_smoothness_does_not_depend_on_the_control_rate():
     def at(rate):
         m = motion(minimum_jerk(rate=rate))
-        return smoothness(Motion(rate, 0.0, m.modes, m.q, m.v, m.a, m.X_WT, m.hand))
+        return smoothness_measures(Motion(rate, 0.0, m.modes, m.q, m.v, m.a, m.X_WT, m.hand))
 
     slow, fast = at(250.0), at(1000.0)
     assert slow["ldlj_tool"] == pytest.approx(fast["ldlj_tool"], abs=0.02)
@@ -144,7 +144,7 @@ def test_a_bend_at_constant_speed_shows_in_the_vector_jerk():
     time = np.arange(401) / RATE
     straight = motion(0.1 * time)
     bend = motion(0.1 * np.minimum(time, 1.0), y=0.1 * np.maximum(time - 1.0, 0.0))
-    assert smoothness(bend)["ldlj_tool"] < smoothness(straight)["ldlj_tool"] - 5.0
+    assert smoothness_measures(bend)["ldlj_tool"] < smoothness(straight)["ldlj_tool"] - 5.0
 
 
 def test_signs_of_quaternions_do_not_count_as_turns():
@@ -153,7 +153,7 @@ def test_signs_of_quaternions_do_not_count_as_turns():
     q = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle])
     flipped = q * np.where(np.arange(len(q)) % 3, 1.0, -1.0)[:, None]
     rows = [
-        smoothness(Motion(RATE, 0.0, m.modes, m.q, m.v, m.a, Pose(x, m.X_WT.translation), m.hand))
+        smoothness_measures(Motion(RATE, 0.0, m.modes, m.q, m.v, m.a, Pose(x, m.X_WT.translation), m.hand))
         for x in (q, flipped)
     ]
     assert rows[0]["ldlj_turn"] == pytest.approx(-5.22, abs=0.05)
