@@ -150,7 +150,7 @@ def smoothness_measures(motion: Motion) -> Measures:
 def stretch_smoothness(motion: Motion, cuts: Sequence[int] = ()) -> Measures:
     """Return the smoothness of the stretches in which something moves, and how many of the tool there are.
 
-    Names and units are those of `smoothness_measures`; each is the mean over the stretches that `moving_stretches` finds,
+    Names and units are those of `smoothness_measures`; each is the mean over the stretches of `moving_stretches`,
     weighted by their durations. Stretches are of the tool for the tool and of its turning for that; for the joints they
     are those in which the tool moves or turns, as joints go on moving about a tool at rest. So neither a rest nor a
     dwell makes a motion look less smooth, and a motion in many pieces is judged by its pieces: therefore the number

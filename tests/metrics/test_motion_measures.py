@@ -72,7 +72,7 @@ def test_smoothness_of_a_minimum_jerk_movement_is_the_published_value_in_tool_an
     assert math.isnan(row["ldlj_turn"])
 
 
-@pytest.mark.parametrize("measure", [smoothness, stretch_smoothness])
+@pytest.mark.parametrize("measure", [smoothness_measures, stretch_smoothness])
 @pytest.mark.parametrize("rest", [0.5, 2.0, 5.0])
 def test_a_rest_before_or_after_does_not_make_a_movement_less_smooth(measure, rest):
     x, still = minimum_jerk(), np.zeros(round(rest * RATE))
@@ -144,7 +144,7 @@ def test_a_bend_at_constant_speed_shows_in_the_vector_jerk():
     time = np.arange(401) / RATE
     straight = motion(0.1 * time)
     bend = motion(0.1 * np.minimum(time, 1.0), y=0.1 * np.maximum(time - 1.0, 0.0))
-    assert smoothness_measures(bend)["ldlj_tool"] < smoothness(straight)["ldlj_tool"] - 5.0
+    assert smoothness_measures(bend)["ldlj_tool"] < smoothness_measures(straight)["ldlj_tool"] - 5.0
 
 
 def test_signs_of_quaternions_do_not_count_as_turns():
