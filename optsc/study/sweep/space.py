@@ -75,7 +75,7 @@ def _slug(cost: GraspCost | type[GraspCost]) -> str:
 
 def _costs() -> dict[str, type[GraspCost]]:
     found = {}
-    for value in (getattr(selection, name) for name in selection.__all__):
+    for value in (getattr(selection, name) for name in dir(selection)):
         if inspect.isclass(value) and issubclass(value, GraspCost) and not inspect.isabstract(value):
             needed = [p for p in inspect.signature(value).parameters.values() if p.default is p.empty]
             if not needed:
