@@ -95,7 +95,7 @@ def _add_run(steps: Any) -> None:
         "run",
         _run,
         words="let a participant do the next trials",
-        about="Carries out the participant's trials that are not done, up to the end of the next condition; then the "
+        about="Runs the participant's trials that are not done, up to the end of the next condition; then the "
         "person rates it. Ctrl-C stops; the trial that was interrupted is done again the next time.",
         example="optsc study people run pilot --participant 3 --operator my_device.py:hand --ask",
     )

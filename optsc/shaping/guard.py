@@ -97,7 +97,7 @@ class JointGuard:
         return float(self._outside[0])
 
     def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
-        """Start from posture ``q`` (n,) [rad] with velocity ``v`` (n,) [rad/s] and no acceleration.
+        """Start from configuration ``q`` (n,) [rad] with velocity ``v`` (n,) [rad/s] and no acceleration.
 
         A start outside the limits is allowed: the arm then comes back inside. Raises `InvalidValue` unless finite.
         """
@@ -122,11 +122,11 @@ class JointGuard:
 
     @property
     def q(self) -> Array:
-        """The commanded posture (n,) [rad]: a view that the next tick changes."""
+        """The commanded configuration (n,) [rad]: a view that the next tick changes."""
         return self._state[:, 0]
 
     def _approach(self, v: Array) -> Array:
-        """Return the velocity of the next tick on the time-optimal way to ``v``, which is outside the interval."""
+        """Return the velocity of the next tick on the time-optimal approach to ``v``, which is outside the interval."""
         from ruckig import Result, RuckigError
 
         plan = self._plan

@@ -1,7 +1,7 @@
 """The engine: many conditions in one scene for little more than the price of one.
 
 What does not depend on the condition is done once. The arm's geometry (grasps, reach, collisions) is solved once for
-each posture at which a decision is made. The operator leads the arm to the hand-over once, since until then no rule has
+each configuration at which a decision is made. The operator leads the arm to the hand-over once, since until then no rule has
 a say. And each distinct target is executed once, however many rules choose it. A test holds the result equal, to the
 last bit, to that of `optsc.session.run` for every condition by itself.
 

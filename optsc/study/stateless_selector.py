@@ -26,7 +26,7 @@ from optsc.study.conditions import measure
 
 
 class Tables:
-    """Reach tables of one scene: solved once for each posture, scored once for each definition of M."""
+    """Reach tables of one scene: solved once for each configuration, scored once for each definition of M."""
 
     def __init__(self) -> None:
         self._kept: dict[tuple[bytes, str, frozenset[str]], ReachTable] = {}
@@ -43,14 +43,14 @@ class Tables:
             others = [
                 table for (at, _, more), table in self._kept.items() if at == place[0] and more == columns
             ]
-            # Further columns may depend on M; postures and reach do not.
+            # Further columns may depend on M; configurations and reach do not.
             known = others[0] if others and not columns else None
             self._kept[place] = solve() if known is None else with_measure(known, robot, measure(name))
         return self._kept[place]
 
 
 def with_measure(table: ReachTable, robot: RobotModel, definition: Manipulability) -> ReachTable:
-    """Return ``table`` with another definition of M in it; postures and reach stay what they are."""
+    """Return ``table`` with another definition of M in it; configurations and reach stay what they are."""
     values = np.zeros(table.status.shape)
     reached = table.admissible
     if reached.any():
@@ -60,7 +60,7 @@ def with_measure(table: ReachTable, robot: RobotModel, definition: Manipulabilit
 
 
 class StatelessSelector(GraspSelector):
-    """A grasp selector that decides on tables solved from the posture at the decision, see the module.
+    """A grasp selector that decides on tables solved from the configuration at the decision, see the module.
 
     Attributes:
         measure: name of the definition of M.
