@@ -1,9 +1,9 @@
 """The engine: many conditions in one scene for little more than the price of one.
 
 What does not depend on the condition is done once. The arm's geometry (grasps, reach, collisions) is solved once for
-each configuration at which a decision is made. The operator leads the arm to the hand-over once, since until then no rule has
-a say. And each distinct target is executed once, however many rules choose it. A test holds the result equal, to the
-last bit, to that of `optsc.session.run` for every condition by itself.
+each configuration at which a decision is made. The operator leads the arm to the hand-over once, since until then no
+rule has a say. And each distinct target is executed once, however many rules choose it. A test holds the result equal,
+to the last bit, to that of `optsc.session.run` for every condition by itself.
 
 An episode counts up to the end of the first automatic motion: the arm arrives at the grasp, or something ends the
 motion before, or the operator steps in because the wrong object is approached. Where the controller refuses (no grasp
