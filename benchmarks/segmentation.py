@@ -153,11 +153,11 @@ def main(arguments: list[str] | None = None) -> int:
     given = " ".join(arguments if arguments is not None else sys.argv[1:])
     save(options.output, "segmentation", facts, text, f"python -m benchmarks.segmentation {given}")
     if options.picture is not None:
-        from optsc.viewers.figure_perception import save_perception_figure
+        from benchmarks.segmentation_picture import save_segmentation_figure
 
         scene = cluttered_tabletop(robot, options.pictured)
         seen = observed(scene, cameras[first], options.pictured, Clock())
-        save_perception_figure(options.picture, seen.view, seen.segments, seen.arm, seen.predicted)
+        save_segmentation_figure(options.picture, seen.view, seen.segments, seen.arm, seen.predicted)
     return 0
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import optsc
 from optsc.selection import Hysteresis
-from optsc.viewers.figure import save_figure
+from optsc.viewers.drawing import save_figure
 from optsc.viewers.figure_ranking import ranking_figure
 
 robot = optsc.load_robot("panda")

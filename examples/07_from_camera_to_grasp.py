@@ -9,8 +9,8 @@ import optsc
 from optsc.geometry import Pose
 from optsc.perception import SceneObserver, SceneState, catalogue_templates
 from optsc.sim.camera import DepthCamera
-from optsc.viewers.figure import save_figure
-from optsc.viewers.figure_seen import seen_figure
+from optsc.viewers.drawing import save_figure
+from optsc.viewers.figure_scene_state import scene_state_figure
 
 robot = optsc.load_robot("panda")
 world = optsc.sim.tabletop(robot, objects=("mug", "can", "box"), seed=1)
@@ -43,5 +43,5 @@ ranking = selector.rank(robot.forward(robot.home), robot.home, after.place())
 print(f"the best of {len(after.place())} grasps is one of the {ranking.best}")
 
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "seen.png")
-save_figure(seen_figure(state, first), path)
+save_figure(scene_state_figure(state, first), path)
 print(f"picture: {path}")

@@ -69,7 +69,7 @@ def _line(about: Mapping[str, Any]) -> str:
 
 def pictures(library: GraspLibrary, folder: Path, output: Path, seed: int) -> list[str]:
     """Draw each object's grasps and return the files; an object without a known surface has grasps alone."""
-    from optsc.viewers.figure import save_figure
+    from optsc.viewers.drawing import save_figure
     from optsc.viewers.figure_grasps import grasps_figure
 
     output.mkdir(parents=True, exist_ok=True)

@@ -17,15 +17,15 @@ from optsc.demo.observation import perception_summary
 from optsc.errors import InvalidValue
 from optsc.metrics import limit_violations
 from optsc.study.conditions import MANIPULABILITY_ONLY, PAPER, measure
-from optsc.viewers.figure import (
+from optsc.viewers.drawing import save_figure
+from optsc.viewers.figure_approach import (
     BASELINE_COLOUR,
     PROPOSED_COLOUR,
-    Curve,
     SelectedGrasps,
+    StrategyPath,
     approach_figure,
-    save_figure,
 )
-from optsc.viewers.figure_seen import seen_figure
+from optsc.viewers.figure_scene_state import scene_state_figure
 
 COLOURS = {PAPER.name: PROPOSED_COLOUR, MANIPULABILITY_ONLY.name: BASELINE_COLOUR}
 
@@ -116,7 +116,7 @@ def figure(demo: Demo) -> Any:
         {name: (model.mesh, world.X_WO[name]) for name, model in world.objects.items()},
         world.robot.gripper.boxes(world.robot.gripper.max_opening),
         panels or [_panel(first, 0, "Start")],
-        [_curve(episode) for episode in episodes],
+        [_strategy_path(episode) for episode in episodes],
     )
 
 
@@ -128,13 +128,13 @@ def _panel(episode: DemoEpisode, index: int, title: str) -> SelectedGrasps:
     return SelectedGrasps(title, episode.tool[index], grasps)
 
 
-def _curve(episode: DemoEpisode) -> Curve:
+def _strategy_path(episode: DemoEpisode) -> StrategyPath:
     end = episode.arrival or len(episode.run)
     automatic = np.array([mode.automatic for mode in episode.run.modes[:end]])
     target = None if episode.switch is None else episode.run[episode.switch].step.target
     name = episode.condition.name
     X_WG = None if target is None else target.X_WG
-    return Curve(LABELS[name], episode.tool.translation[:end], automatic, COLOURS[name], X_WG)
+    return StrategyPath(LABELS[name], episode.tool.translation[:end], automatic, COLOURS[name], X_WG)
 
 
 def save(demo: Demo, directory: Path) -> dict[str, Any]:
@@ -148,7 +148,7 @@ def save(demo: Demo, directory: Path) -> dict[str, Any]:
     save_figure(figure(demo), directory / "approach.png")
     observation = demo.setup.observation
     if observation is not None:
-        save_figure(seen_figure(observation.first, observation.view.image), directory / "seen.png")
+        save_figure(scene_state_figure(observation.first, observation.view.image), directory / "seen.png")
     runs = directory / "runs"
     runs.mkdir(exist_ok=True)
     for (condition, name), episode in demo.episodes.items():

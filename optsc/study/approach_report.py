@@ -32,7 +32,7 @@ from optsc.study.report_parts import (
 from optsc.study.scenes import Scene
 from optsc.viewers.report import Picture, Report, Table
 from optsc.viewers.report_motion import timelines
-from optsc.viewers.report_statistics import Estimate, Scatter, forest, paired_scatter
+from optsc.viewers.report_statistics import Estimate, PairedValues, forest, paired_scatter
 
 LISTED, EXPLAINED = 40, 12
 """Failing cases that are listed, and that are explained in words, the longest detours first."""
@@ -142,7 +142,7 @@ def _scatter(rows: Sequence[Row], comparisons: Sequence[StrategyComparison]) -> 
     for robot in dict.fromkeys(c.robot for c in comparisons):
         pairs = [pair for pair in pairs_of(rows, robot, measure) if pair.complete]
         y, x = (np.array(means) for means in pair_means(pairs, "path_length_m"))
-        panels.append(Scatter(f"{robot}, M: {measure}", x, y, y > x + 1e-6))
+        panels.append(PairedValues(f"{robot}, M: {measure}", x, y, y > x + 1e-6))
     figure = paired_scatter(panels, "manipulability only: path [m]", "paper: path [m]", "paper longer")
     return Picture(
         "paths",

@@ -1,4 +1,4 @@
-"""A picture of an object's grasps: forks around its cloud, coloured by quality, from the side and from above."""
+"""Figure of an object's grasp set: forks around its point cloud, coloured by quality, from the side and from above."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from optsc.errors import InvalidValue
 from optsc.geometry import PointCloud
 from optsc.geometry.rotation import Array
 from optsc.grasps import GraspSet
+from optsc.viewers.drawing import draw_quality_scale, plain_axes_3d
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-INK, SEEN, FILLED_IN, FAILED = "#24292f", "#4b5563", "#b9c0c8", "#c04a60"
+INK = "#24292f"
+_MEASURED, _COMPLETED, _FAILED = "#4b5563", "#b9c0c8", "#c04a60"
 _FINGER, _STEM = 0.035, 0.035  # [m], of a drawn fork
 _VIEWS = (("from the side", 12.0, -60.0, 1.0), ("from above", 89.9, -90.0, 1.25))
 
@@ -47,24 +49,18 @@ def grasps_figure(grasps: GraspSet, cloud: PointCloud | None = None, *, title: s
     """
     if len(grasps) == 0 and not cloud:
         raise InvalidValue("grasps and points to draw", 0, "at least one")
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 5.6), dpi=150, facecolor="white")
-    low, high = (grasps.quality.min(), grasps.quality.max()) if len(grasps) else (0.0, 1.0)
-    colours = ScalarMappable(Normalize(low, max(high, low + 1e-6)), "viridis")
+    colours = draw_quality_scale(figure, grasps.quality, (0.925, 0.16, 0.016, 0.58), color=INK)
     lines = fork_lines(grasps)
     corners = np.concatenate([lines.reshape(-1, 3), np.zeros((0, 3)) if cloud is None else cloud.points])
     for column, (caption, elevation, azimuth, zoom) in enumerate(_VIEWS):
         axes: Any = figure.add_axes((0.01 + 0.46 * column, 0.02, 0.43, 0.84), projection="3d")
         axes.view_init(elev=elevation, azim=azimuth)
-        axes.set_proj_type("ortho")
         _draw_cloud(axes, cloud)
         _draw_forks(axes, grasps, lines, colours.to_rgba(grasps.quality))
         _frame(axes, corners, caption, zoom)
-    bar = figure.colorbar(colours, cax=figure.add_axes((0.925, 0.16, 0.016, 0.58)))
-    bar.set_label("quality of the grasp [-]", color=INK)
     figure.text(0.02, 0.95, title or _title(grasps), color=INK, fontsize=12)
     return figure
 
@@ -79,7 +75,7 @@ def _title(grasps: GraspSet) -> str:
 def _draw_cloud(axes: Any, cloud: PointCloud | None) -> None:
     if cloud is None:
         return
-    for mask, colour in ((cloud.seen_mask, SEEN), (~cloud.seen_mask, FILLED_IN)):
+    for mask, colour in ((cloud.seen_mask, _MEASURED), (~cloud.seen_mask, _COMPLETED)):
         points = cloud.points[mask]
         axes.scatter(*points.T, s=1.2, color=colour, alpha=0.5, linewidths=0, depthshade=False)
 
@@ -87,7 +83,7 @@ def _draw_cloud(axes: Any, cloud: PointCloud | None) -> None:
 def _draw_forks(axes: Any, grasps: GraspSet, lines: Array, colours: Array) -> None:
     failed = np.zeros(len(grasps), dtype=bool) if grasps.tried is None else grasps.tried & ~grasps.reliable
     for line, colour, bad in zip(lines, colours, failed, strict=True):
-        style = {"color": FAILED, "linestyle": ":"} if bad else {"color": colour}
+        style = {"color": _FAILED, "linestyle": ":"} if bad else {"color": colour}
         axes.plot(*line.T, linewidth=0.7, alpha=0.85, **style)
 
 
@@ -97,18 +93,8 @@ def _frame(axes: Any, corners: Array, caption: str, zoom: float) -> None:
     for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
         set_limits(centre - half, centre + half)
     axes.set_box_aspect((1.0, 1.0, 1.0), zoom=zoom)
-    for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y"), (axes.zaxis, "z")):
-        axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
-        axis.set_label_text(f"{letter} [m]", color=INK, fontsize=8)
-        axis.set_tick_params(labelsize=6)
-        axis.set_major_locator(_locator())
+    plain_axes_3d(axes, labels=INK)
     if zoom > 1.0:  # seen along z
         axes.set_zticks([])
         axes.set_zlabel("")
     axes.set_title(caption, color=INK, fontsize=10, y=1.0)
-
-
-def _locator() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(5)

@@ -1,4 +1,4 @@
-"""A ranking as a picture: every candidate a line, its costs as colours, grouped by what removed it."""
+"""Figure of a ranking: a row for each candidate, its costs as colours, grouped by what removed it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from optsc.errors import InvalidValue
 from optsc.selection import CandidateRow, Ranking
-from optsc.viewers.figure_views import INK, QUIET
+from optsc.viewers.drawing import INK, QUIET
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +46,9 @@ def ranking_figure(ranking: Ranking, *, title: str | None = None) -> Figure:
     for k, group in enumerate(objects):
         left = _MARGIN + k * (panel + _WORDS + _MARGIN)
         box = (left / width, _BOTTOM / _HEIGHT, panel / width, 1.0 - (_TOP + _BOTTOM) / _HEIGHT)
-        _draw_object(figure.add_axes(box), group, terms, ranges, meant=group[0].object_name == ranking.best)
+        _draw_object(
+            figure.add_axes(box), group, terms, ranges, intended=group[0].object_name == ranking.best
+        )
     _draw_scale(figure, width)
     if title is not None:
         figure.text(0.5, 0.985, title, color=INK, fontsize=11, ha="center", va="top")
@@ -62,7 +64,7 @@ def _draw_object(
     rows: Sequence[CandidateRow],
     terms: Sequence[str],
     ranges: Sequence[tuple[float, float]],
-    meant: bool,
+    intended: bool,
 ) -> None:
     shades = np.full((len(rows), len(terms)), np.nan)
     for i, row in enumerate(rows):
@@ -89,7 +91,7 @@ def _draw_object(
         axes.axvline(column - 0.5, color="white", linewidth=2.0)
     _draw_groups(axes, rows)
     name = rows[0].object_name
-    axes.set_title(f"{name} (pointed at)" if meant else name, color=INK, fontsize=10, loc="left")
+    axes.set_title(f"{name} (pointed at)" if intended else name, color=INK, fontsize=10, loc="left")
 
 
 def _draw_groups(axes: Any, rows: Sequence[CandidateRow]) -> None:

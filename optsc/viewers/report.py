@@ -1,4 +1,4 @@
-"""A report as one page: headings, words, tables and figures, in a single file that needs no network."""
+"""HTML report: headings, paragraphs, tables and figures in a single file that needs no network."""
 
 from __future__ import annotations
 

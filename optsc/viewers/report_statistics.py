@@ -1,4 +1,4 @@
-"""Figures of a report that show numbers: differences, fronts, sensitivities, stability."""
+"""Statistics figures of a report: differences with intervals, Pareto fronts, sensitivities, stability."""
 
 from __future__ import annotations
 
@@ -10,20 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.geometry.rotation import Array
+from optsc.viewers.drawing import new_figure, plain_axes
 
 INK, QUIET, FAINT = "#22272e", "#68707b", "#e4e7eb"
 SERIES = ("#e8710a", "#1f6fb4", "#3a8f5c", "#8e5bb0", "#b04a4a", "#6b7a89")
-"""Colours of groups, told apart also without red and green by their lightness."""
-
-
-def new_figure(
-    rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], **options: Any
-) -> tuple[Any, Any]:
-    """Return a figure of that size [inches] and its axes, like ``pyplot.subplots`` but without anything global."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=figsize)
-    return figure, figure.subplots(rows, columns, **options)
+"""Colours of groups; their lightness differs, too, for readers who do not tell red from green."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +58,7 @@ def forest(
         axis.axvline(0.0, color=QUIET, linewidth=0.9)
         axis.set_xlim(left, right)
         axis.set_title(measure, fontsize=9.5, color=INK)
-        _plain(axis)
+        plain_axes(axis, labels=QUIET, grid=FAINT)
     axes[0][0].set_yticks(np.arange(len(rows)), rows)
     axes[0][0].set_ylim(len(rows) - 0.5, -0.5)
     handles, labels = axes[0][0].get_legend_handles_labels()
@@ -77,7 +68,7 @@ def forest(
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
+class PairedValues:
     """Pairs of one panel: values (N,) of two conditions, and which of them to point out."""
 
     title: str
@@ -86,7 +77,7 @@ class Scatter:
     marked: np.ndarray
 
 
-def paired_scatter(panels: Sequence[Scatter], x_label: str, y_label: str, marked_label: str) -> Any:
+def paired_scatter(panels: Sequence[PairedValues], x_label: str, y_label: str, marked_label: str) -> Any:
     """Return a figure of pairs about the diagonal; below it the second condition has less."""
     figure, axes = new_figure(1, len(panels), figsize=(4.3 * len(panels), 4.4), squeeze=False)
     for axis, panel in zip(axes[0], panels, strict=True):
@@ -96,21 +87,13 @@ def paired_scatter(panels: Sequence[Scatter], x_label: str, y_label: str, marked
         axis.plot([0.0, top], [0.0, top], color=QUIET, linewidth=0.9)
         plain, marked = ~panel.marked, panel.marked
         axis.plot(panel.x[plain], panel.y[plain], "o", ms=4, mec="none", mfc=SERIES[1], alpha=0.65)
-        axis.plot(
-            panel.x[marked],
-            panel.y[marked],
-            "o",
-            ms=4.5,
-            mec="none",
-            mfc=SERIES[0],
-            alpha=0.9,
-            label=marked_label,
-        )
+        style = {"ms": 4.5, "mec": "none", "mfc": SERIES[0], "alpha": 0.9}
+        axis.plot(panel.x[marked], panel.y[marked], "o", label=marked_label, **style)
         axis.set(xlim=(0.0, top), ylim=(0.0, top), aspect="equal", xlabel=x_label, ylabel=y_label)
         axis.set_title(panel.title, fontsize=10, color=INK)
         if marked.any():
             axis.legend(frameon=False, fontsize=8.5, loc="upper left")
-        _plain(axis)
+        plain_axes(axis, labels=QUIET, grid=FAINT)
     figure.tight_layout()
     return figure
 
@@ -137,30 +120,23 @@ def front(
     plain = compared & ~best
     axis.plot(a[plain], b[plain], "o", ms=3.5, mec="none", mfc="#b9c2cc", alpha=0.7, label="settings")
     if not compared.all():
-        axis.plot(
-            a[~compared], b[~compared], "x", ms=3.5, color="#d5b3ad", label="settings that succeed less often"
-        )
+        label = "settings that succeed less often"
+        axis.plot(a[~compared], b[~compared], "x", ms=3.5, color="#d5b3ad", label=label)
     order = np.argsort(a[best], kind="stable")
     axis.plot(a[best][order], b[best][order], "o-", ms=5, lw=1.2, color=SERIES[0], label="Pareto front")
     for k, (name, (px, py)) in enumerate(named.items()):
         axis.plot(px, py, "D", ms=7, color=SERIES[1 + k % (len(SERIES) - 1)], label=name)
     axis.set(xlabel=labels[0], ylabel=labels[1])
     axis.legend(frameon=False, fontsize=9)
-    _plain(axis)
+    plain_axes(axis, labels=QUIET, grid=FAINT)
     figure.tight_layout()
     return figure
 
 
 def sensitivity(columns: Mapping[str, ArrayLike], outcomes: Mapping[str, ArrayLike], bins: int = 8) -> Any:
     """Return a figure of how outcomes depend on each varied number: points, and medians of equal counts of them."""
-    figure, axes = new_figure(
-        len(outcomes),
-        len(columns),
-        figsize=(1.0 + 2.5 * len(columns), 0.6 + 2.1 * len(outcomes)),
-        squeeze=False,
-        sharex="col",
-        sharey="row",
-    )
+    shape, size = (len(outcomes), len(columns)), (1.0 + 2.5 * len(columns), 0.6 + 2.1 * len(outcomes))
+    figure, axes = new_figure(*shape, figsize=size, squeeze=False, sharex="col", sharey="row")
     for line, (outcome, values) in zip(axes, outcomes.items(), strict=True):
         y = np.asarray(values, dtype=float)
         for axis, settings in zip(line, columns.values(), strict=True):
@@ -170,15 +146,9 @@ def sensitivity(columns: Mapping[str, ArrayLike], outcomes: Mapping[str, ArrayLi
             place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
             used = np.unique(place)
             middles = [float(np.median(x[place == k])) for k in used]
-            axis.plot(
-                middles,
-                [float(np.nanmedian(y[place == k])) for k in used],
-                "o-",
-                ms=4,
-                lw=1.5,
-                color=SERIES[0],
-            )
-            _plain(axis)
+            medians = [float(np.nanmedian(y[place == k])) for k in used]
+            axis.plot(middles, medians, "o-", ms=4, lw=1.5, color=SERIES[0])
+            plain_axes(axis, labels=QUIET, grid=FAINT)
         line[0].set_ylabel(outcome, fontsize=9)
     for axis, name in zip(axes[-1], columns, strict=True):
         axis.set_xlabel(name, fontsize=9)
@@ -199,17 +169,13 @@ def stability_lines(
         left.fill_between(sizes, low, high, color=colour, alpha=0.13, linewidth=0)
         left.plot(sizes, [e.value for e in estimates], "o-", ms=4, color=colour, label=name)
         right.plot(sizes, same_choice[name], "o-", ms=4, color=colour, label=name)
-    left.set(xlabel="perturbation of weights [log]", ylabel="Kendall's tau of the 30 best", xscale="log")
-    right.set(
-        xlabel="perturbation of weights [log]",
-        ylabel="share with the same choice",
-        xscale="log",
-        ylim=(0.0, 1.03),
-    )
+    left.set(ylabel="Kendall's tau of the 30 best")
+    right.set(ylabel="share with the same choice", ylim=(0.0, 1.03))
     for axis in (left, right):
+        axis.set(xlabel="perturbation of weights [log]", xscale="log")
         axis.set_xticks(list(sizes), [f"{size:g}" for size in sizes])
         axis.minorticks_off()
-        _plain(axis)
+        plain_axes(axis, labels=QUIET, grid=FAINT)
     right.legend(frameon=False, fontsize=9, loc="lower left")
     figure.tight_layout()
     return figure
@@ -228,16 +194,8 @@ def bars(groups: Mapping[str, Mapping[str, Estimate]], title_of: Mapping[str, st
         axis.barh(y, np.nan_to_num(value), color="#c9d6e3", height=0.62)
         axis.hlines(y, ends[:, 0], ends[:, 1], color=SERIES[1], linewidth=2.0)
         axis.set_title(title_of.get(measure, measure), fontsize=9.5, color=INK)
-        _plain(axis)
+        plain_axes(axis, labels=QUIET, grid=FAINT)
     axes[0][0].set_yticks(np.arange(len(names)), names)
     axes[0][0].invert_yaxis()
     figure.tight_layout()
     return figure
-
-
-def _plain(axis: Any) -> None:
-    axis.tick_params(labelsize=8, colors=QUIET, length=2.5)
-    axis.grid(color=FAINT, linewidth=0.7)
-    axis.set_axisbelow(True)
-    for spine in axis.spines.values():
-        spine.set_color("#cfd4da")

@@ -1,4 +1,4 @@
-"""Solid shapes as shaded triangles, for drawing with a painter's algorithm."""
+"""Solid shapes as shaded triangles, for the painter's algorithm (far ones are drawn first)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
+from optsc.viewers.drawing import Colour
 
 _LIGHT = np.array([0.30, -0.50, 0.81])
 # Corner c of a box has its upper coordinate along x, y, z where bit 2, 1, 0 of c is set.
@@ -72,7 +73,7 @@ def facing(triangles: Array, towards: Array) -> Array:
     return triangles[normals(triangles) @ towards > 0.0]
 
 
-def shaded(triangles: Array, colour: tuple[float, float, float]) -> Array:
+def shaded(triangles: Array, colour: Colour) -> Array:
     """Return a colour (F, 3) for each of ``triangles``: ``colour`` lit from above and the right."""
     lit = 0.62 + 0.30 * normals(triangles) @ (_LIGHT / np.linalg.norm(_LIGHT))
     # Bright sides are mixed with white and dark ones with black, so that a hue stays the same hue.

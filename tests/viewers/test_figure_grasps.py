@@ -4,7 +4,7 @@ import pytest
 from optsc.errors import InvalidValue
 from optsc.geometry import PointCloud, Pose, rotation
 from optsc.grasps import GraspSet
-from optsc.viewers.figure import save_figure
+from optsc.viewers.drawing import save_figure
 from optsc.viewers.figure_grasps import fork_lines, grasps_figure
 
 

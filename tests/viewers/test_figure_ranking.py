@@ -6,7 +6,7 @@ from selection_cases import JOINTS, no_solutions, random_candidates, random_hand
 
 from optsc.errors import InvalidValue
 from optsc.selection import Cascade, GraspSelector, Ranking
-from optsc.viewers.figure import save_figure
+from optsc.viewers.drawing import save_figure
 from optsc.viewers.figure_ranking import ranking_figure
 
 

@@ -6,8 +6,8 @@ import pytest
 from optsc.geometry import DepthImage, PinholeCamera, PointCloud, Pose
 from optsc.grasps import GraspLibrary, GraspSet
 from optsc.perception import Explanation, KnownObject, SceneState
-from optsc.viewers.figure import save_figure
-from optsc.viewers.figure_seen import seen_figure
+from optsc.viewers.drawing import save_figure
+from optsc.viewers.figure_scene_state import scene_state_figure
 
 CAMERA = PinholeCamera.from_field_of_view(80, 60, 0.8)
 PIXELS = np.zeros((60, 80), dtype=bool)
@@ -43,14 +43,14 @@ def words(figure):
 
 @pytest.mark.parametrize(("explanations", "label"), [(1, "mug"), (2, "mug (2 poses)")])
 def test_the_picture_names_the_objects_and_counts_the_grasps(explanations, label, tmp_path):
-    figure = seen_figure(state(explanations), IMAGE)
+    figure = scene_state_figure(state(explanations), IMAGE)
     assert label in words(figure)
     assert "3 grasps, coloured by quality" in words(figure)
     assert save_figure(figure, tmp_path / "seen.png").stat().st_size > 10_000
 
 
 def test_an_empty_scene_is_drawn_too(tmp_path):
-    figure = seen_figure(SceneState(), IMAGE)
+    figure = scene_state_figure(SceneState(), IMAGE)
     assert "0 grasps, coloured by quality" in words(figure)
     unmeasured = DepthImage(np.full((60, 80), np.nan), CAMERA, IMAGE.X_WC)
-    save_figure(seen_figure(SceneState(), unmeasured), tmp_path / "seen.png")
+    save_figure(scene_state_figure(SceneState(), unmeasured), tmp_path / "seen.png")

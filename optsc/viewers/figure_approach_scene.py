@@ -1,8 +1,9 @@
-"""The three-dimensional panel: objects, the gripper where it is, the grasps that are selected."""
+"""3-D panel of the approach figure: objects, the gripper at one moment, the grasp selected for each object."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import cos, radians, sin
 from typing import Any
 
@@ -11,12 +12,12 @@ import numpy as np
 from optsc.geometry import Pose, TriangleMesh
 from optsc.geometry.rotation import Array
 from optsc.viewers import shapes
-from optsc.viewers.figure_data import SelectedGrasps
+from optsc.viewers.drawing import Colour, halo, mixed_with_white
 
-Colour = tuple[float, float, float]
 PlacedMeshes = Mapping[str, tuple[TriangleMesh, Pose]]
+"""Surface and pose X_WO of each object, by name."""
 
-GRIPPER = "#7b8591"
+_GRIPPER = "#7b8591"
 _ELEVATION, _AZIMUTH = radians(27.0), radians(-38.0)
 _TOWARDS = np.array([cos(_ELEVATION) * cos(_AZIMUTH), cos(_ELEVATION) * sin(_AZIMUTH), sin(_ELEVATION)])
 """From where the panel is seen: from the side and in front, so that the robot's hand comes from the left."""
@@ -26,18 +27,29 @@ _FACET = 0.012
 """Longest side of a drawn triangle [m]: about the thickness of what lies in front of what."""
 
 
-def mixed(colour: Colour, share: float) -> Colour:
-    """Return ``share`` of ``colour`` in white."""
-    r, g, b = (share * c + (1.0 - share) for c in colour)
-    return (r, g, b)
+@dataclass(frozen=True, eq=False)
+class SelectedGrasps:
+    """Where the tool is at one moment, and which grasp is then selected for each object.
+
+    Attributes:
+        title: of its panel.
+        X_WT: the tool.
+        grasps: selected tool pose X_WG by object name.
+    """
+
+    title: str
+    X_WT: Pose
+    grasps: Mapping[str, Pose]
 
 
-def region(objects: PlacedMeshes, situations: Sequence[SelectedGrasps], boxes: Array) -> tuple[Array, Array]:
-    """Return lower and upper corner (3,) [m] of a box on the table about everything in ``situations``."""
+def scene_box(
+    objects: PlacedMeshes, selections: Sequence[SelectedGrasps], boxes: Array
+) -> tuple[Array, Array]:
+    """Return lower and upper corner (3,) [m] of a box on the table about everything in ``selections``."""
     points = [shapes.mesh_triangles(mesh, X_WO) for mesh, X_WO in objects.values()]
-    for situation in situations:
-        points.append(shapes.box_triangles(boxes, situation.X_WT))
-        points += [shapes.box_triangles(shapes.fork_boxes(), X_WG) for X_WG in situation.grasps.values()]
+    for selection in selections:
+        points.append(shapes.box_triangles(boxes, selection.X_WT))
+        points += [shapes.box_triangles(shapes.fork_boxes(), X_WG) for X_WG in selection.grasps.values()]
     everything = np.concatenate(points).reshape(-1, 3)
     # In front, where names and numbers stand, the table is a little larger.
     lower = everything.min(axis=0) - np.array([0.03, 0.05, 0.0])
@@ -46,29 +58,32 @@ def region(objects: PlacedMeshes, situations: Sequence[SelectedGrasps], boxes: A
     return lower, upper
 
 
-def draw_situation(
+def draw_scene(
     axes: Any,
     objects: PlacedMeshes,
     colours: Mapping[str, str],
     boxes: Array,
-    situation: SelectedGrasps,
+    selection: SelectedGrasps,
     within: tuple[Array, Array],
 ) -> None:
-    """Draw ``situation`` into 3-D ``axes``, with the box ``within`` (see `region`) filling them."""
+    """Draw ``selection`` into 3-D ``axes``, with the box ``within`` (see `scene_box`) filling them."""
     from matplotlib.colors import to_rgb
 
     rgb = {name: to_rgb(colour) for name, colour in colours.items()}
-    solids = [(shapes.mesh_triangles(*placed), mixed(rgb[name], 0.5)) for name, placed in objects.items()]
+    solids = [
+        (shapes.mesh_triangles(*placed), mixed_with_white(colours[name], 0.5))
+        for name, placed in objects.items()
+    ]
     fork = shapes.fork_boxes()
-    solids += [(shapes.box_triangles(fork, X_WG), rgb[name]) for name, X_WG in situation.grasps.items()]
-    solids.append((shapes.box_triangles(boxes, situation.X_WT), to_rgb(GRIPPER)))
+    solids += [(shapes.box_triangles(fork, X_WG), rgb[name]) for name, X_WG in selection.grasps.items()]
+    solids.append((shapes.box_triangles(boxes, selection.X_WT), to_rgb(_GRIPPER)))
     _fit(axes, within)
     _draw_table(axes, within)
     _draw_shadows(axes, [triangles for triangles, _ in solids])
     _draw_solids(axes, solids)
-    for name, X_WG in situation.grasps.items():
-        way = np.stack([situation.X_WT.translation, X_WG.translation])
-        axes.plot(*way.T, color=colours[name], linewidth=1.0, linestyle=(0, (1.0, 2.0)), zorder=5)
+    for name, X_WG in selection.grasps.items():
+        line = np.stack([selection.X_WT.translation, X_WG.translation])
+        axes.plot(*line.T, color=colours[name], linewidth=1.0, linestyle=(0, (1.0, 2.0)), zorder=5)
     for name, (mesh, X_WO) in objects.items():
         _name(axes, name, shapes.mesh_triangles(mesh, X_WO).reshape(-1, 3), colours[name])
 
@@ -94,36 +109,31 @@ def _fit(axes: Any, within: tuple[Array, Array]) -> None:
 
 def _draw_solids(axes: Any, solids: Sequence[tuple[Array, Colour]]) -> None:
     """Draw everything solid as one collection: only within one are triangles sorted by depth."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
     seen = [
         (shapes.refined(shapes.facing(triangles, _TOWARDS), _FACET), colour) for triangles, colour in solids
     ]
     colours = np.concatenate([shapes.shaded(triangles, colour) for triangles, colour in seen])
-    triangles = np.concatenate([triangles for triangles, _ in seen])
     # Edges in the colour of the face close the hairlines between neighbours.
-    axes.add_collection3d(
-        Poly3DCollection(triangles, facecolors=colours, edgecolors=colours, linewidths=0.4, zorder=4)
-    )
+    _fill_3d(axes, np.concatenate([triangles for triangles, _ in seen]), colours, colours, 0.4, 4)
 
 
 def _draw_shadows(axes: Any, solids: Sequence[Array]) -> None:
+    _fill_3d(axes, shapes.shadow(np.concatenate(solids)), "#d6dae0", "#d6dae0", 0.3, 3)
+
+
+def _fill_3d(axes: Any, polygons: Any, faces: Any, edges: Any, width: float, zorder: int) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    dropped = shapes.shadow(np.concatenate(solids))
-    axes.add_collection3d(
-        Poly3DCollection(dropped, facecolors="#d6dae0", edgecolors="#d6dae0", linewidths=0.3, zorder=3)
-    )
+    style = {"facecolors": faces, "edgecolors": edges, "linewidths": width, "zorder": zorder}
+    axes.add_collection3d(Poly3DCollection(polygons, **style))
 
 
 def _draw_table(axes: Any, within: tuple[Array, Array]) -> None:
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     (x0, y0, _), (x1, y1, _) = within
     top = [[[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]]]
-    axes.add_collection3d(
-        Poly3DCollection(top, facecolors="#f3f4f6", edgecolors="#cfd4da", linewidths=0.8, zorder=1)
-    )
+    _fill_3d(axes, top, "#f3f4f6", "#cfd4da", 0.8, 1)
     along_y = [[[x, y0, 0.0], [x, y1, 0.0]] for x in _tenths(x0, x1)]
     along_x = [[[x0, y, 0.0], [x1, y, 0.0]] for y in _tenths(y0, y1)]
     axes.add_collection3d(Line3DCollection(along_y + along_x, colors="#dfe3e8", linewidths=0.7, zorder=2))
@@ -142,21 +152,9 @@ def _tenths(low: float, high: float) -> Array:
 
 def _name(axes: Any, name: str, surface: Array, colour: str) -> None:
     """Write ``name`` below the object, as seen."""
-    from matplotlib.patheffects import withStroke
-
     x, y = 0.5 * (surface.min(axis=0) + surface.max(axis=0))[:2]
     lowest = (surface @ _UP).min() - 0.012
     # The point on the table's plane, in the vertical plane of sight through the object, that is seen there.
     z = (lowest - np.array([x, y, 0.0]) @ _UP) / _UP[2]
-    axes.text(
-        x,
-        y,
-        z,
-        name,
-        color=colour,
-        fontsize=9.5,
-        ha="center",
-        va="top",
-        zorder=6,
-        path_effects=[withStroke(linewidth=2.5, foreground="white")],
-    )
+    style = {"color": colour, "fontsize": 9.5, "ha": "center", "va": "top", "path_effects": halo()}
+    axes.text(x, y, z, name, zorder=6, **style)

@@ -1,4 +1,4 @@
-"""What a camera's image was taken for: depth, objects, the clouds with what templates filled in, and the grasps."""
+"""Figure of the scene state after an observation: depth, known objects, completed clouds, grasps."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 
 from optsc.geometry import DepthImage
 from optsc.geometry.rotation import Array
-from optsc.grasps import GraspSet
 from optsc.perception import KnownObject, SceneState
-from optsc.viewers.figure_grasps import fork_lines
+from optsc.viewers.drawing import draw_quality_scale, plain_axes_3d
+from optsc.viewers.figure_grasps import INK, fork_lines
 
-INK, SEEN, FILLED_IN, DOUBTFUL = "#24292f", "#1d6f8a", "#d08a2e", "#c04a60"
+_MEASURED, _COMPLETED, _UNCERTAIN = "#1d6f8a", "#d08a2e", "#c04a60"
 _COLOURS = "tab10"
 
 
-def seen_figure(state: SceneState, image: DepthImage) -> Any:
+def scene_state_figure(state: SceneState, image: DepthImage) -> Any:
     """Return a figure of four views: measured depth, what is known over it, clouds and grasps in W.
 
     Args:
@@ -35,9 +35,7 @@ def seen_figure(state: SceneState, image: DepthImage) -> Any:
     clouds: Any = figure.add_axes((0.0, 0.0, 0.48, 0.50), projection="3d")
     grasps: Any = figure.add_axes((0.47, 0.0, 0.48, 0.50), projection="3d")
     low, high = _extent(state)
-    _frame(
-        clouds, image, low, high, 80.0
-    )  # what was measured and what was not are both in view from the side
+    _frame(clouds, image, low, high, 80.0)  # from the side both what was measured and what was not is seen
     _frame(grasps, image, low, high, 0.0)
     for known in state.objects.values():
         _draw_cloud(clouds, known)
@@ -50,20 +48,25 @@ def seen_figure(state: SceneState, image: DepthImage) -> Any:
 
 
 def _draw_depth(figure: Any, axes: Any, image: DepthImage) -> None:
-    shown = image.depth[image.measured]
-    limits = np.percentile(shown, [1, 90]) if len(shown) else (0.0, 1.0)
-    drawn = axes.imshow(image.depth, cmap="viridis_r", vmin=limits[0], vmax=limits[1])
+    low, high = _depth_range(image)
+    drawn = axes.imshow(image.depth, cmap="viridis_r", vmin=low, vmax=high)
     bar = figure.colorbar(drawn, ax=axes, fraction=0.035, pad=0.015)
     bar.set_label("depth [m]", color=INK, fontsize=9)
     axes.set_title("measured depth, white where nothing was measured", fontsize=10, color=INK)
+
+
+def _depth_range(image: DepthImage) -> tuple[float, float]:
+    """Return the depths [m] between which colours change; single far pixels do not count."""
+    shown = image.depth[image.measured]
+    low, high = np.percentile(shown, [1, 90]) if len(shown) else (0.0, 1.0)
+    return low, high
 
 
 def _draw_objects(axes: Any, state: SceneState, image: DepthImage) -> None:
     """Draw the silhouettes over a grey depth image, with all of the template as it is placed in each."""
     from matplotlib import colormaps
 
-    shown = image.depth[image.measured]
-    low, high = np.percentile(shown, [1, 90]) if len(shown) else (0.0, 1.0)
+    low, high = _depth_range(image)
     grey = 0.95 - 0.35 * np.clip((image.depth - low) / max(high - low, 1e-6), 0.0, 1.0)
     picture = np.repeat(np.where(np.isnan(grey), 1.0, grey)[..., None], 3, axis=2)
     placed = []
@@ -77,22 +80,12 @@ def _draw_objects(axes: Any, state: SceneState, image: DepthImage) -> None:
         u, v, _ = image.camera.project(image.X_WC.inverse().apply(known.X_WO.apply(filled)))
         axes.plot(u, v, ".", markersize=1.2, color=0.6 * colour)
         rows, columns = np.nonzero(known.pixels)
-        text = (
-            known.name
-            if known.certain or known.template is None
-            else f"{known.name} ({len(known.explanations)} poses)"
-        )
+        text = known.name
+        if not known.certain and known.template is not None:
+            text += f" ({len(known.explanations)} poses)"
         box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.85, "linewidth": 0.0}
-        axes.text(
-            columns.mean(),
-            rows.max() + 0.02 * image.depth.shape[0],
-            text,
-            ha="center",
-            va="top",
-            fontsize=8.5,
-            color=INK,
-            bbox=box,
-        )
+        at = (columns.mean(), rows.max() + 0.02 * image.depth.shape[0])
+        axes.text(*at, text, ha="center", va="top", fontsize=8.5, color=INK, bbox=box)
     title = "known objects; dots: what their templates fill in"
     axes.set_title(title, fontsize=10, color=INK)
 
@@ -115,9 +108,9 @@ def _crop(axes: Any, state: SceneState, image: DepthImage) -> None:
 def _draw_cloud(axes: Any, known: KnownObject, quiet: bool = False) -> None:
     cloud = known.cloud
     groups = (
-        (cloud.points[cloud.seen_mask], SEEN),
-        (cloud.points[~cloud.seen_mask], FILLED_IN),
-        (known.doubtful, DOUBTFUL),
+        (cloud.points[cloud.seen_mask], _MEASURED),
+        (cloud.points[~cloud.seen_mask], _COMPLETED),
+        (known.doubtful, _UNCERTAIN),
     )
     for points, colour in groups[:2] if quiet else groups:
         few = points[:: max(1, len(points) // 1500)]
@@ -126,26 +119,21 @@ def _draw_cloud(axes: Any, known: KnownObject, quiet: bool = False) -> None:
 
 
 def _draw_grasps(figure: Any, axes: Any, state: SceneState) -> int:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
+    """Draw every grasp as a fork at its object, and return how many there are."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    sets: list[tuple[GraspSet, KnownObject]] = [
-        (grasps, state.objects[name]) for name, grasps in state.library.items() if len(grasps)
-    ]
+    sets = [(grasps, state.objects[name]) for name, grasps in state.library.items() if len(grasps)]
     if not sets:
         return 0
     quality = np.concatenate([grasps.quality for grasps, _ in sets])
-    colours = ScalarMappable(Normalize(quality.min(), max(quality.max(), quality.min() + 1e-6)), "viridis")
+    colours = draw_quality_scale(figure, quality, (0.935, 0.10, 0.011, 0.26), color=INK, fontsize=9)
     for grasps, known in sets:
         order = np.argsort(grasps.quality)  # the best are drawn last, on top
         lines = known.X_WO.apply(fork_lines(grasps)[order])
-        drawn = Line3DCollection(
-            lines, colors=colours.to_rgba(grasps.quality[order]), linewidths=0.6, alpha=0.9
+        shades = colours.to_rgba(grasps.quality[order])
+        axes.add_collection3d(
+            Line3DCollection(lines, colors=shades, linewidths=0.6, alpha=0.9), autolim=False
         )
-        axes.add_collection3d(drawn, autolim=False)
-    bar = figure.colorbar(colours, cax=figure.add_axes((0.935, 0.10, 0.011, 0.26)))
-    bar.set_label("quality of the grasp [-]", color=INK, fontsize=9)
     return len(quality)
 
 
@@ -160,34 +148,23 @@ def _extent(state: SceneState) -> tuple[Array, Array]:
 
 
 def _frame(axes: Any, image: DepthImage, low: Array, high: Array, turn: float) -> None:
-    """Look from about the camera's height, turned about the vertical away from where it stands [degrees]."""
+    """Show the box from about the camera's height, turned by ``turn`` [degrees] about the vertical."""
     towards = image.X_WC.translation - 0.5 * (low + high)
     azimuth = np.degrees(np.arctan2(towards[1], towards[0]))
     axes.view_init(elev=32.0, azim=azimuth + turn)
-    axes.set_proj_type("ortho")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.08)
-    for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y"), (axes.zaxis, "z")):
-        axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
-        axis.set_label_text(f"{letter} [m]", color=INK, fontsize=8)
-        axis.set_tick_params(labelsize=6)
-    axes.locator_params(nbins=5)
+    plain_axes_3d(axes, labels=INK)
 
 
 def _legend(axes: Any) -> None:
     from matplotlib.lines import Line2D
 
     entries = (
-        (SEEN, "measured"),
-        (FILLED_IN, "filled in by the template"),
-        (DOUBTFUL, "there or not: kept clear of"),
+        (_MEASURED, "measured"),
+        (_COMPLETED, "filled in by the template"),
+        (_UNCERTAIN, "uncertain: kept clear of"),
     )
     handles = [Line2D([], [], color="none", marker="o", ms=5, mfc=c, mec="none", label=t) for c, t in entries]
-    axes.legend(
-        handles=handles,
-        loc="upper left",
-        bbox_to_anchor=(0.0, 0.93),
-        frameon=False,
-        fontsize=8,
-        labelcolor=INK,
-    )
+    style = {"frameon": False, "fontsize": 8, "labelcolor": INK}
+    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, 0.93), **style)

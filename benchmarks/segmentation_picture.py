@@ -1,4 +1,4 @@
-"""What a depth camera saw of a table, what it showed in truth, and what was made of it, side by side."""
+"""Picture of a segmentation: measured depth, true labels, and the segments, side by side."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PREDICTED = "#d1495b"
 _SEGMENT_COLOURS = "tab10"
 
 
-def perception_figure(
+def segmentation_figure(
     view: CameraView, segments: Sequence[Segment], arm: np.ndarray, predicted: np.ndarray
 ) -> Any:
     """Return a figure of three images: measured depth, the truth, and the segments.
@@ -46,7 +46,7 @@ def perception_figure(
     axes[2].contour(np.isfinite(predicted), levels=[0.5], colors=_PREDICTED, linewidths=0.8)
     axes[2].set_title(f"{len(segments)} segments; where the arm may be (outline)", fontsize=9)
     for k, segment in enumerate(segments):
-        _mark(axes[2], segment, f"{k + 1}")
+        _write(axes[2], segment.pixels, f"{k + 1}")
     for name in view.names[3:]:
         pixels = view.pixels_of(name)
         if pixels.any():
@@ -57,11 +57,11 @@ def perception_figure(
     return figure
 
 
-def save_perception_figure(
+def save_segmentation_figure(
     path: str | Path, view: CameraView, segments: Sequence[Segment], arm: np.ndarray, predicted: np.ndarray
 ) -> None:
-    """Write `perception_figure` to a file; its ending says in which format."""
-    perception_figure(view, segments, arm, predicted).savefig(path, dpi=110)
+    """Write `segmentation_figure` to a file; its ending says in which format."""
+    segmentation_figure(view, segments, arm, predicted).savefig(path, dpi=110)
 
 
 def _truth(view: CameraView) -> np.ndarray:
@@ -80,20 +80,9 @@ def _found(view: CameraView, segments: Sequence[Segment], arm: np.ndarray) -> np
     return image
 
 
-def _mark(axis: Axes, segment: Segment, text: str) -> None:
-    _write(axis, segment.pixels, text)
-
-
 def _write(axis: Axes, pixels: np.ndarray, text: str) -> None:
     """Write into the middle of the pixels, black on white, so that it can be read on every colour."""
     rows, columns = np.nonzero(pixels)
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.8, "linewidth": 0.0}
-    axis.text(
-        float(np.median(columns)),
-        float(np.median(rows)),
-        text,
-        ha="center",
-        va="center",
-        fontsize=7,
-        bbox=box,
-    )
+    at = (float(np.median(columns)), float(np.median(rows)))
+    axis.text(*at, text, ha="center", va="center", fontsize=7, bbox=box)
