@@ -1,4 +1,4 @@
-"""``optsc study people``: plan a study with people, carry it out, ask them, and compare."""
+"""``optsc study people``: plan and run a study with participants, rate workload, report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Progress on the terminal: one line that changes, or a line now and then where the output is a file."""
+"""Progress on the terminal: one line that changes, or a line every few seconds where the output is a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grasp libraries of a study: sampled once per gripper and object and kept in the user's cache, or a folder's."""
+"""Grasp libraries of a study: sampled once per gripper and object and cached, or read from a folder."""
 
 from __future__ import annotations
 

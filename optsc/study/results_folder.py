@@ -65,7 +65,7 @@ def _columns(rows: Sequence[Row]) -> list[str]:
 
 
 def _column(values: list[Any]) -> list[Any]:
-    """Return values of one type: numbers as floats where any is one."""
+    """Return values of one type: all numbers as floats where any of them is a float."""
     if any(isinstance(value, float) for value in values):
         return [None if value is None else float(value) for value in values]
     return values

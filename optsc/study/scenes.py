@@ -1,4 +1,4 @@
-"""Scenes as values: an arm, what stands before it, and what the operator wants; random, or of a chosen difficulty."""
+"""Scenes of a study: an arm, objects on a table, and the one that is wanted; random, or of a chosen difficulty."""
 
 from __future__ import annotations
 

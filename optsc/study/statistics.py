@@ -1,4 +1,4 @@
-"""Honest statistics of paired comparisons: intervals, effect sizes, fronts, stability of rankings."""
+"""Statistics of paired comparisons: intervals, effect sizes, fronts, stability of rankings."""
 
 from __future__ import annotations
 

@@ -45,13 +45,13 @@ class Broken(Servo):
         if self.damage == "exception":
             raise ZeroDivisionError("on purpose")
         if self.damage == "continuity":
-            return command._replace(q=command.q + 1e-6 * (self.ticks % 2))
+            return command._replace(q=command.q + 1e-6 * (self.state.ticks % 2))
         if self.damage == "position":
             return command._replace(q=self.robot.limits.upper + 1e-6)
         if self.damage == "finite":
             return command._replace(v=command.v * math.nan)
         limit = getattr(self.robot.limits, "acceleration" if self.damage == "jerk" else self.damage)
-        wrong = limit * (1.0 + 1e-6) if self.damage != "jerk" else limit * (-1.0) ** self.ticks
+        wrong = limit * (1.0 + 1e-6) if self.damage != "jerk" else limit * (-1.0) ** self.state.ticks
         return command._replace(**{"v" if self.damage == "velocity" else "a": wrong})
 
 
