@@ -124,7 +124,7 @@ def drive(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> Drive:
 
 
 def interpolated(path: Drive, t: np.ndarray) -> Pose:
-    """Return the target at times ``t`` (N,), on the straight way between its samples."""
+    """Return the target at times ``t`` (N,), on the straight line between its samples."""
     q = path.targets.quaternion.copy()
     flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0))
     q[1:] *= flips[:, None]

@@ -40,7 +40,7 @@ up to 6e-8 beyond their limits. Nothing is granted to optsc."""
 
 
 class Answer(NamedTuple):
-    """What a contender made of N poses: postures (N, n), which it calls solved (N,), seconds (N,)."""
+    """What a contender made of N poses: configurations (N, n), which it calls solved (N,), seconds (N,)."""
 
     q: np.ndarray
     claimed: np.ndarray
@@ -56,7 +56,7 @@ class Optsc:
         self._robot, self._seed = robot, seed
 
     def solve(self, X_WT: Pose) -> tuple[np.ndarray, bool, float]:
-        """Return the posture, whether it is called solved, and the seconds of the call."""
+        """Return the configuration, whether it is called solved, and the seconds of the call."""
         start = perf_counter()
         solution = solve_ik(self._robot, X_WT, seeds=self._seed, tolerance=TOLERANCE)
         seconds = perf_counter() - start
@@ -89,7 +89,7 @@ class TracIk:
             raise ValueError(f"TRAC-IK's forward kinematics of {robot.name} differs")
 
     def solve(self, X_WT: Pose, seed: np.ndarray | None = None) -> tuple[np.ndarray, bool, float]:
-        """Return the posture, whether it is called solved, and the seconds of the call."""
+        """Return the configuration, whether it is called solved, and the seconds of the call."""
         seed = self._seed if seed is None else seed
         (w, x, y, z), p = X_WT.quaternion.tolist(), X_WT.translation.tolist()
         start = perf_counter()
@@ -114,7 +114,7 @@ def run_in_turns(contenders: list[Any], poses: list[Pose], warm: Pose) -> dict[s
 
 
 def solved(robot: RobotModel, X_WT: Pose, answer: Answer, slack: float = 0.0) -> np.ndarray:
-    """Return which postures (N,) are inside the limits and meet their pose, by pinocchio.
+    """Return which configurations (N,) are inside the limits and meet their pose, by pinocchio.
 
     A pose is met when each component of position and rotation vector is within `TOLERANCE`, in the world's axes or
     in the target's: libraries differ in which they test. ``slack``, for peers, is granted on all: they compute with

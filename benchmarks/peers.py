@@ -23,13 +23,13 @@ DAMPING = 1.0
 
 
 BARRIER_GAIN = 60.0
-"""How fast Pink's barrier lets the way to a surface be used up [1/s]: as `GAIN`."""
+"""How fast Pink's barrier lets the distance to a surface be used up [1/s]: as `GAIN`."""
 TOOL_RADIUS, KEPT, NOTICED = 0.02, 0.01, 0.1
-"""Of a surface: size of the ball at the tool, distance that is kept, distance from which mink looks [m]."""
+"""Of a surface: size of the ball at the tool, distance that is kept, distance from which mink avoids it [m]."""
 
 
 class Surface(NamedTuple):
-    """A plane that the tool must not pass: the way along ``axis`` of W, times ``sign``, goes up to ``at`` [m]."""
+    """A plane that the tool must not pass: the free side along ``axis`` of W, times ``sign``, goes up to ``at`` [m]."""
 
     axis: int
     sign: float
@@ -40,7 +40,7 @@ class PeerTick(NamedTuple):
     """What a tick commanded and how long it took.
 
     Attributes:
-        q, v: commanded posture and velocity (n,) [rad, rad/s].
+        q, v: commanded configuration and velocity (n,) [rad, rad/s].
         solve: time of the library's `solve_ik` alone [s].
         whole: time of the tick: set the target, solve, integrate [s].
         solved: False when the library raised instead.
@@ -237,7 +237,7 @@ class MinkPeer:
 
 
 def target_path(X: Pose, t: np.ndarray, size: float = 1.0) -> Pose:
-    """Return poses (N,) at times ``t`` (N,): a smooth way through the workspace around ``X`` that never repeats."""
+    """Return poses (N,) at times ``t`` (N,): a smooth path through the workspace around ``X`` that never repeats."""
     p = size * np.column_stack([0.08 * np.sin(2.0 * t), 0.10 * np.sin(1.3 * t), 0.08 * np.sin(1.7 * t)])
     turn = size * np.column_stack([0.2 * np.sin(t), 0.3 * np.sin(0.7 * t), 0.2 * np.sin(1.1 * t)])
     return Pose(rotation.multiply(rotation.exp(turn), X.quaternion), X.translation + p)

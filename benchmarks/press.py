@@ -118,18 +118,18 @@ def stream(robot: RobotModel, case: Case, rate: float, seconds: float, tremor: b
 def arms_for(
     robot: RobotModel, rate: float, surface: Surface | None
 ) -> tuple[dict[str, Callable[[], Arm]], list[str]]:
-    """Return what follows, by name, each made anew for each case; and what is not installed here."""
+    """Return what follows, by name, made again for each case; and what is not installed here."""
 
     def servo() -> Arm:
         made = Servo(robot, rate, avoid=None if surface is None else avoidance_of(robot, surface))
         return lambda X: made.step(X).v
 
     def peer(make: Callable[[], PinkPeer | MinkPeer]) -> Callable[[], Arm]:
-        def fresh() -> Arm:
+        def start() -> Arm:
             made = make()
             return lambda X: made.tick(X).v
 
-        return fresh
+        return start
 
     peers: dict[str, Callable[[], PinkPeer | MinkPeer]] = {
         "Pink": lambda: PinkPeer(robot, rate, surface=surface),

@@ -104,13 +104,13 @@ def table_of(robot: RobotModel, candidates: Candidates, clear: Clear | None, res
 
 
 def solved_rows(table: ReachTable) -> int:
-    """Return how many rows have a posture at the pre-grasp and at the grasp, whatever they touch."""
+    """Return how many rows have a configuration at the pre-grasp and at the grasp, whatever they touch."""
     lacking = table.rejected("unreachable") | table.rejected("pre-grasp unreachable")
     return int(np.count_nonzero(~lacking))
 
 
 def trac_ik_loop(peer: TracIk, robot: RobotModel, table: ReachTable) -> tuple[float, int]:
-    """Return the seconds that TRAC-IK takes for the table's poses, each from the posture before, and what it solves."""
+    """Return the seconds that TRAC-IK takes for the table's poses, each from the configuration before, and what it solves."""
     seconds, rows = 0.0, 0
     before = Pose(table.X_WP.quaternion.reshape(-1, 4), table.X_WP.translation.reshape(-1, 3))
     there = Pose(table.X_WG.quaternion.reshape(-1, 4), table.X_WG.translation.reshape(-1, 3))
@@ -145,7 +145,7 @@ def reach_part(
         chosen = replace(candidates, jaw_symmetric=twins)
         cases = {
             "with 32 restarts": partial(table_of, robot, chosen, clear, 32),
-            "from the present posture only": partial(table_of, robot, chosen, clear, 0),
+            "from the present configuration only": partial(table_of, robot, chosen, clear, 0),
             "with 32 restarts, without collisions": partial(table_of, robot, chosen, None, 32),
         }
         times: dict[str, list[float]] = {name: [] for name in (*cases, "TRAC-IK")}
@@ -172,18 +172,18 @@ def reach_part(
 
 
 def hand_path(robot: RobotModel, count: int) -> tuple[list[Pose], np.ndarray]:
-    """Return poses of the tool that a hand moves about home, and the postures (count, n) that follow."""
+    """Return poses of the tool that a hand moves about home, and the configurations (count, n) that follow."""
     t = np.arange(count) / RATE
     shift = 0.08 * np.stack([np.sin(1.1 * t), np.sin(1.7 * t), np.sin(0.7 * t)], axis=1)
     turn = 0.3 * np.stack([np.sin(0.9 * t), np.sin(1.3 * t), np.sin(0.6 * t)], axis=1)
     start = robot.forward(robot.home)
     poses = list(start @ Pose.from_rotation_vector(turn, shift))
-    q, postures = robot.home, []
+    q, configurations = robot.home, []
     for X_WT in poses:
         found = solve_ik(robot, X_WT, seeds=q, restarts=0)
         q = found.q if found.success else q
-        postures.append(q)
-    return poses, np.array(postures)
+        configurations.append(q)
+    return poses, np.array(configurations)
 
 
 def selectors(robot: RobotModel) -> dict[str, GraspSelector]:
@@ -278,7 +278,7 @@ def reach_table_text(results: list[dict[str, Any]]) -> str:
             rows.append(
                 ["on" if result["twins"] else "off", label, *counts, f"{1e3 * np.median(seconds):.1f}", ratio]
             )
-    return markdown_table(["twins", "", "rows", "with postures", "median [ms]", "of TRAC-IK's"], rows)
+    return markdown_table(["twins", "", "rows", "with configurations", "median [ms]", "of TRAC-IK's"], rows)
 
 
 def rank_text(times: dict[str, list[float]]) -> str:

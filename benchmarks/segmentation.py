@@ -41,8 +41,8 @@ class Found(NamedTuple):
     overlap: float
 
 
-class Seen(NamedTuple):
-    """One scene as it was seen."""
+class ObservedScene(NamedTuple):
+    """One scene as the camera observed it."""
 
     view: CameraView
     arm: np.ndarray
@@ -63,20 +63,20 @@ class Clock:
         return result
 
 
-def observed(scene: ClutteredScene, camera: PinholeCamera, seed: int, clock: Clock) -> Seen:
+def observed(scene: ClutteredScene, camera: PinholeCamera, seed: int, clock: Clock) -> ObservedScene:
     """Return what is seen of a scene, each step timed."""
     robot, q = scene.world.robot, scene.q
-    with DepthCamera(scene.world, camera=camera) as looking:
+    with DepthCamera(scene.world, camera=camera) as depth_camera:
         rng = np.random.default_rng(seed)
-        view = clock.timed("rendering and noise", lambda: looking.capture(q, rng=rng))
+        view = clock.timed("rendering and noise", lambda: depth_camera.capture(q, rng=rng))
     image = view.image
     predicted = clock.timed("the arm's depth", lambda: robot_depth(robot, q, image.camera, image.X_WC))
     arm = clock.timed("the arm's pixels", lambda: robot_mask(robot, q, image))
     segments = clock.timed("segmentation", lambda: segment_image(image, robot_mask=arm).segments)
-    return Seen(view, arm, predicted, segments)
+    return ObservedScene(view, arm, predicted, segments)
 
 
-def judged(scene: ClutteredScene, seen: Seen) -> list[Found]:
+def judged(scene: ClutteredScene, seen: ObservedScene) -> list[Found]:
     """Return how each object was found that enough was seen of."""
     found = []
     enough = ENOUGH * seen.view.labels.size / (640 * 480)

@@ -54,8 +54,8 @@ def samples_of(robot: RobotModel, rate: float, sample_rate: float, count: int) -
     """Return, per tick, the newest sample of the target path or None when there is none at this tick."""
     index = np.floor(np.arange(count) * (sample_rate / rate) + 1e-9).astype(int)
     poses = target_path(robot.forward(robot.home), np.arange(index[-1] + 1) / sample_rate)
-    fresh = np.diff(index, prepend=-1) > 0
-    return [poses[int(i)] if new else None for i, new in zip(index, fresh, strict=True)]
+    is_new = np.diff(index, prepend=-1) > 0
+    return [poses[int(i)] if new else None for i, new in zip(index, is_new, strict=True)]
 
 
 class ServoContender:

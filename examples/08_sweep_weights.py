@@ -1,6 +1,6 @@
 """What the weights of the choice do: forty settings in three scenes, and those that none beats.
 
-Rows are kept in a folder: run it again and nothing is computed anew.
+Rows are kept in a folder: run it again and nothing is computed again.
 """
 
 import sys

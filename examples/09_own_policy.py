@@ -1,4 +1,4 @@
-"""A policy of one's own beside the paper's alternating control: the same person in the same two scenes."""
+"""A user-defined policy beside the paper's alternating control: the same person in the same two scenes."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class Agreement(Arbitration):
     name = "agreement"
 
     def blend(self, moment: Moment) -> Blend:
-        """Return how much of the hand is carried out, and what the robot adds."""
+        """Return how much of the hand's motion is executed, and what the robot adds."""
         goal = moment.goal
         if goal is None:
             return HAND_ALONE
@@ -35,5 +35,5 @@ for job in jobs:
     for condition, row in zip(job.conditions, do_policies(job), strict=True):
         print(
             f"{job.scene.goal:>7}, {condition.name:<12} success {row['success']!s:<5}  "
-            f"grasped after {row['grasp_s']:4.1f} s  way of the hand {row['effort_m']:.2f} m"
+            f"grasped after {row['grasp_s']:4.1f} s  path of the hand {row['effort_m']:.2f} m"
         )

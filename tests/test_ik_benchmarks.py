@@ -48,7 +48,7 @@ def test_table_and_ranking_are_timed_and_their_growth_is_drawn(tmp_path):
     assert facts["reach"][1]["rows"] == 2 * facts["reach"][0]["rows"]
     for result in facts["reach"]:
         found = result["solved"]
-        assert 0 < found["from the present posture only"] <= found["with 32 restarts"] <= result["rows"]
+        assert 0 < found["from the present configuration only"] <= found["with 32 restarts"] <= result["rows"]
     assert [row["candidates"] for row in facts["growth"]] == [10, 30]
     assert {"paper's cascade", "all costs"} <= set(facts["rank"])
     assert (tmp_path / "ranking.png").stat().st_size > 10000
@@ -61,7 +61,7 @@ def test_all_costs_are_all_that_selection_exports():
     assert not set(others) & {type(cost).__name__ for cost in costs}
 
 
-def test_a_posture_beyond_a_limit_or_off_its_pose_is_not_counted_as_solved():
+def test_a_configuration_beyond_a_limit_or_off_its_pose_is_not_counted_as_solved():
     robot = load_robot("panda")
     q = robot.random_configuration(np.random.default_rng(0), (4,))
     X_WT = robot.forward(q)

@@ -20,7 +20,7 @@ def add_build(actions: Any) -> None:
     """Add the action."""
     build = actions.add_parser(
         "build",
-        help="find grasps of objects, of one's own mesh or of what a camera saw, and store them",
+        help="find grasps of objects, of a mesh file or of what a camera saw, and store them",
         description="Find grasps and store one file for each object, with a summary.json: on the exact surfaces of "
         "objects that come along (--objects), on that of a mesh file (--mesh), or on what a recorded depth image "
         "shows (--image). What is stored already and still agrees is kept; other grasps are not written over "
@@ -31,7 +31,7 @@ def add_build(actions: Any) -> None:
     )
     source = build.add_mutually_exclusive_group()
     add_objects(source, "all that come along")
-    source.add_argument("--mesh", type=Path, metavar="FILE", help="a surface of one's own: STL, OBJ, PLY")
+    source.add_argument("--mesh", type=Path, metavar="FILE", help="a surface: STL, OBJ, PLY")
     source.add_argument(
         "--image", type=Path, metavar="VIEW", help="a depth image: .npz, or .png with .json beside it"
     )

@@ -30,7 +30,7 @@ class Wanted(NamedTuple):
     seed: int
 
 
-class Seen(NamedTuple):
+class ObservedObject(NamedTuple):
     """One object in a view."""
 
     name: str
@@ -81,10 +81,10 @@ def observation_of(
     return observation
 
 
-def objects_in(observation: Observation, wanted: Wanted) -> list[Seen]:
+def objects_in(observation: Observation, wanted: Wanted) -> list[ObservedObject]:
     """Return what is seen, with grasps where they were found."""
     templates = templates_by_name(wanted.templates)
-    seen: list[Seen] = []
+    seen: list[ObservedObject] = []
     for one in recognise(observation, observation.segments, templates, seed=wanted.seed):
         name = unused_name(one.registration.recognised_as, [other.name for other in seen])
         estimate = estimate_object(name, one.segment, one.registration, templates, observation)
@@ -115,14 +115,16 @@ def _level_plane(image: DepthImage) -> str:
     return f"; the image shows a level plane at {height:.3f} m (--table-height {height:.3f})"
 
 
-def _seen(segment: Segment, estimate: ObjectEstimate, observation: Observation, wanted: Wanted) -> Seen:
+def _seen(
+    segment: Segment, estimate: ObjectEstimate, observation: Observation, wanted: Wanted
+) -> ObservedObject:
     name, template = estimate.known.name, estimate.template
     words, facts = _words(estimate.registration, segment), _facts(estimate.registration, segment)
     if not observation.shows_clearly(segment):
         words += "; no grasps: the arm is in front of it, or too near"
-        return Seen(name, words, facts, None, template)
+        return ObservedObject(name, words, facts, None, template)
     if template is None and not wanted.unknown:
-        return Seen(name, f"{words}; no grasps: --unknown has them looked for", facts, None, None)
+        return ObservedObject(name, f"{words}; no grasps: --unknown has them looked for", facts, None, None)
     facts = {**facts, "made_from": estimate.made_from}
     try:
         grasps = grasps_of(
@@ -134,8 +136,8 @@ def _seen(segment: Segment, estimate: ObjectEstimate, observation: Observation, 
             settings=wanted.settings,
         )
     except InvalidValue as error:
-        return Seen(name, f"{words}; no grasps: {error}", facts, None, template)
-    return Seen(name, words, facts, grasps, template)
+        return ObservedObject(name, f"{words}; no grasps: {error}", facts, None, template)
+    return ObservedObject(name, words, facts, grasps, template)
 
 
 def _origin(estimate: ObjectEstimate) -> dict[str, Any]:

@@ -65,7 +65,6 @@ def plain_axes_3d(axes: Any, *, labels: str) -> None:
         axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
         axis.set_label_text(f"{letter} [m]", color=labels, fontsize=8)
         axis.set_tick_params(labelsize=6)
-    axes.locator_params(nbins=5)
 
 
 def mixed_with_white(colour: str, share: float) -> Colour:
@@ -87,7 +86,7 @@ def fill(axes: Any, outlines: Any, colour: Any, *, zorder: int) -> None:
     """Fill ``outlines``, each (N, 2); edges of the same colour close the hairlines between neighbours."""
     from matplotlib.collections import PolyCollection
 
-    style = {"facecolors": [colour], "edgecolors": [colour], "linewidths": 0.4}
+    style: dict[str, Any] = {"facecolors": [colour], "edgecolors": [colour], "linewidths": 0.4}
     axes.add_collection(PolyCollection(list(outlines), zorder=zorder, **style))
 
 

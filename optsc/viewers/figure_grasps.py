@@ -88,12 +88,16 @@ def _draw_forks(axes: Any, grasps: GraspSet, lines: Array, colours: Array) -> No
 
 
 def _frame(axes: Any, corners: Array, caption: str, zoom: float) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     half = 0.5 * float(np.ptp(corners, axis=0).max())
     for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
         set_limits(centre - half, centre + half)
     axes.set_box_aspect((1.0, 1.0, 1.0), zoom=zoom)
     plain_axes_3d(axes, labels=INK)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(5))
     if zoom > 1.0:  # seen along z
         axes.set_zticks([])
         axes.set_zlabel("")

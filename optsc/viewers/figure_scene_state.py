@@ -155,6 +155,7 @@ def _frame(axes: Any, image: DepthImage, low: Array, high: Array, turn: float) -
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.08)
     plain_axes_3d(axes, labels=INK)
+    axes.locator_params(nbins=5)
 
 
 def _legend(axes: Any) -> None:

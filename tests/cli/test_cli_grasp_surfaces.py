@@ -1,4 +1,4 @@
-"""Objects of one's own on the command line: their mesh, others' grasps of them, and what these are tried on."""
+"""User-defined objects on the command line: their mesh, others' grasps of them, and what these are tried on."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The picture of a seen scene: it is drawn of whatever is known, and shows what is."""
+"""The figure of a scene state is drawn of whatever is known."""
 
 import numpy as np
 import pytest
