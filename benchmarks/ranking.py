@@ -110,7 +110,7 @@ def solved_rows(table: ReachTable) -> int:
 
 
 def trac_ik_loop(peer: TracIk, robot: RobotModel, table: ReachTable) -> tuple[float, int]:
-    """Return the seconds that TRAC-IK takes for the table's poses, each from the configuration before, and what it solves."""
+    """Return TRAC-IK's seconds for the table's poses, each from the configuration before, and how many it solves."""
     seconds, rows = 0.0, 0
     before = Pose(table.X_WP.quaternion.reshape(-1, 4), table.X_WP.translation.reshape(-1, 3))
     there = Pose(table.X_WG.quaternion.reshape(-1, 4), table.X_WG.translation.reshape(-1, 3))
