@@ -31,11 +31,17 @@ from benchmarks.peers import (
     arm_only,
     target_path,
 )
+from benchmarks.ranking import scene
 from optsc.collision import CollisionAvoidance
+from optsc.control.controller import SharedController
 from optsc.control.servo import Servo
+from optsc.followers import IdealFollower
 from optsc.geometry import Pose
 from optsc.operators.clutch import ClutchSettings, Hand, engage, follow
+from optsc.people import R_WS_DEFAULT, Simulated
 from optsc.robot import RobotModel, load_robot
+from optsc.selection import GraspSelector
+from optsc.session import Session
 from optsc.sim import tabletop
 
 BLOCK = 40
@@ -208,6 +214,25 @@ def summary_of(series: Series) -> dict[str, dict[str, float]]:
     return found
 
 
+def snapshot_times(robot: RobotModel, rate: float, ticks: int) -> dict[str, float]:
+    """Return the median times [us] of taking and restoring a snapshot, at each tick of a run with candidates."""
+    candidates, clear = scene(robot, ["box"], 0, None)
+    controller = SharedController(robot, GraspSelector(robot), clutch=ClutchSettings(R_WS=R_WS_DEFAULT))
+    operator, follower = Simulated(seed=1), IdealFollower(robot)
+    options: dict[str, Any] = {"candidates": candidates, "clear": clear, "rate": rate}
+    session = Session.start(controller, operator=operator, follower=follower, **options)
+    times = np.empty((ticks, 2))
+    for i in range(ticks):
+        session.tick()
+        start = perf_counter()
+        snapshot = controller.snapshot()
+        between = perf_counter()
+        controller.restore(snapshot)
+        times[i] = between - start, perf_counter() - between
+    taken, restored = 1e6 * np.median(times, axis=0)
+    return {"snapshot": float(taken), "restore": float(restored)}
+
+
 def steadiness(robot: RobotModel, rate: float, sample_rate: float, seconds: float) -> dict[str, Any]:
     """Return how often the servo alone took over 1 ms, with and without the collector, beside an empty loop.
 
@@ -272,7 +297,7 @@ def _spin(count: int, duration: float) -> np.ndarray:
     return times
 
 
-def report(results: list[dict[str, Any]], steady: dict[str, Any] | None) -> str:
+def report(results: list[dict[str, Any]], steady: dict[str, Any] | None, snapshots: dict[str, float]) -> str:
     """Return the tables."""
     parts = []
     for result in results:
@@ -300,6 +325,8 @@ def report(results: list[dict[str, Any]], steady: dict[str, Any] | None) -> str:
         header = [f"{steady['ticks']} ticks alone", "over 1 ms", "median [us]", "p99.9 [us]", "longest [us]"]
         kept = steady["memory blocks kept per tick"]
         parts.append(f"{markdown_table(header, rows)}\n\nMemory blocks that a tick leaves behind: {kept:.3f}")
+    rows = [[f"{name} of a controller [us]", f"{median:.1f}"] for name, median in snapshots.items()]
+    parts.append(markdown_table(["in a run with candidates", "median"], rows))
     return "\n\n".join(parts)
 
 
@@ -322,8 +349,10 @@ def main(arguments: list[str] | None = None) -> None:
     robots = [load_robot(name) for name in o.robots]
     results = [measure(robot, o.rate, o.sample_rate, o.seconds, o.placo_python) for robot in robots]
     steady = steadiness(robots[0], o.rate, o.sample_rate, o.steady_seconds) if o.steady_seconds > 0 else None
+    snapshots = snapshot_times(robots[0], o.rate, max(1, round(min(o.seconds, 5.0) * o.rate)))
     command = "python -m benchmarks.tick " + " ".join(sys.argv[1:] if arguments is None else arguments)
-    save(o.output, "tick", {"results": results, "steady": steady}, report(results, steady), command.strip())
+    facts = {"results": results, "steady": steady, "snapshots": snapshots}
+    save(o.output, "tick", facts, report(results, steady, snapshots), command.strip())
 
 
 if __name__ == "__main__":

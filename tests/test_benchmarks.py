@@ -58,6 +58,8 @@ def test_the_ticks_of_the_servo_are_timed_beside_what_is_installed(tmp_path):
     for row in result["series"].values():
         assert 0.0 < row["min"] <= row["p50"] <= row["p99.9"]
     assert 0.0 <= facts["steady"]["collector off and heap frozen"]["over 1 ms"] <= 1.0
+    assert facts["snapshots"].keys() == {"snapshot", "restore"}
+    assert all(median > 0.0 for median in facts["snapshots"].values())
 
 
 def test_an_arm_is_pressed_against_its_limits_and_its_reach(tmp_path):
