@@ -218,7 +218,10 @@ def snapshot_times(robot: RobotModel, rate: float, ticks: int) -> dict[str, floa
     """Return the median times [us] of taking and restoring a snapshot, at each tick of a run with candidates."""
     candidates, clear = scene(robot, ["box"], 0, None)
     controller = SharedController(robot, GraspSelector(robot), clutch=ClutchSettings(R_WS=R_WS_DEFAULT))
-    operator, follower = Simulated(seed=1), IdealFollower(robot)
+    operator, follower = (
+        Simulated(seed=1),
+        IdealFollower(robot, tabletop(robot, objects=("box",), seed=0).X_WO),
+    )
     options: dict[str, Any] = {"candidates": candidates, "clear": clear, "rate": rate}
     session = Session.start(controller, operator=operator, follower=follower, **options)
     times = np.empty((ticks, 2))
