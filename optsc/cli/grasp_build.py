@@ -108,7 +108,7 @@ def _check_together(options: argparse.Namespace) -> None:
 
 def _on_meshes(options: argparse.Namespace) -> int:
     from optsc.cli.grasp_output import report
-    from optsc.cli.grasp_surfaces import surface_from_file
+    from optsc.cli.grasp_trials import surface_from_file
     from optsc.cli.progress import counted_progress
     from optsc.grasps.storage import path_of, save_surface
     from optsc.robot import gripper

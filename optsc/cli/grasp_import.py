@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from optsc.cli.grasp_surfaces import surface_from_file
+from optsc.cli.grasp_trials import surface_from_file
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, TriangleMesh
 from optsc.grasps import GraspSet
