@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.checks import Positive, require
+from optsc.control.arbitration import Goal
 from optsc.control.controller import ControlStep, SharedController
 from optsc.followers import RecordedFollower
 from optsc.followers.protocol import Follower, FollowerState
@@ -33,13 +34,14 @@ class Display:
 
     def __init__(self, controller: SharedController) -> None:
         self._controller = controller
-        self._ranking: Ranking | None = None
+        self._placed: tuple[Ranking | None, tuple[Goal, ...]] = (None, ())
         self._grasps: Mapping[str, Pose] = {}
 
     def grasps(self) -> Mapping[str, Pose]:
         """Return the grasp to mark for each object, tool poses in W."""
-        if self._controller.ranking is not self._ranking:
-            self._ranking, self._grasps = self._controller.ranking, self._controller.shown
+        choice, (ranking, goals) = self._controller.state.choice, self._placed
+        if choice.ranking is not ranking or choice.goals is not goals:
+            self._placed, self._grasps = (choice.ranking, choice.goals), self._controller.shown
         return self._grasps
 
     def view(
@@ -78,6 +80,7 @@ class Session:
             control clock: simulated time stands still for it.
         watch_period: from one observation to the next [s]; the first is one period from now.
         display: what the operator is shown; by default the grasps as the controller ranks them.
+        step: the controller's last decision, of a session that goes on where another was; it is shown to the operator.
 
     Attributes:
         measured: the follower's state before the next tick.
@@ -98,6 +101,7 @@ class Session:
         watch: Watch | None = None,
         watch_period: float = 0.2,
         display: Display | None = None,
+        step: ControlStep | None = None,
     ) -> None:
         require("watch_period", watch_period, Positive)
         self.controller, self.operator, self.follower = controller, operator, follower
@@ -106,7 +110,7 @@ class Session:
         self._display = display or Display(controller)
         self._objects: Mapping[str, Pose] = {}
         self.measured = follower.state()
-        self.step: ControlStep | None = None
+        self.step = step
         self.ticks = 0
         self.updates: dict[int, SceneUpdate] = {}
 

@@ -269,7 +269,8 @@ class Closing(NamedTuple):
         """Do one tick; see `Activity`."""
         at, ticks, still, last = self
         command = servo.track(*at)
-        moved = last is None or abs(opening - last) > STILL_SPEED * servo.period
+        # An opening that is not a number says nothing about rest.
+        moved = last is None or not abs(opening - last) <= STILL_SPEED * servo.period
         after = Closing(at, ticks + 1, 0 if moved else still + 1, opening)
         time = after.ticks * servo.period
         at_rest = after.still * servo.period >= STILL_TIME and time >= LEAST_CLOSING_TIME

@@ -83,7 +83,9 @@ class Assisted(NamedTuple):
             return self.released(), Outcome(servo.stop(), reason="the newest sample of the hand is too old")
         wish, asked = now.asked(servo, track)
         moment = Moment(*now.at, asked.velocity, hand.goals, hand.gap, now.last, servo.period, self.approach)
-        answer = self.policy.blend(moment)
+        hand_gain, robot, robot_share = self.policy.blend(moment)
+        # Copies: the answer is part of the state, and a policy may use its arrays again.
+        answer = Blend(np.array(hand_gain, dtype=float), np.array(robot, dtype=float), float(robot_share))
         if not _usable(answer):
             fault = f"{self.policy.name} gave no finite blend"
             return self.released(), Outcome(servo.stop(), Event.FAULT, fault)
@@ -112,9 +114,8 @@ class Assisted(NamedTuple):
         last_p, last_q = self.wish or (p, q)
         turn = scalar.log(scalar.multiply(q, scalar.conjugate(last_q)))
         step = np.array([p[0] - last_p[0], p[1] - last_p[1], p[2] - last_p[2], *turn])
-        velocity = np.array([*track.v, *track.w])
-        if not coasting:
-            velocity[:] = 0.0
+        velocity = np.array([*track.v, *track.w]) if coasting else np.zeros(6)
+        velocity.flags.writeable = False  # a policy is given it, and the speed limit below relies on it
         return (p, q), Asked(step, velocity)
 
     def moved(self, servo: Servo, asked: Asked, answer: Blend, reason: str) -> tuple[Activity, Outcome]:

@@ -20,6 +20,7 @@ from optsc.control.modes import Event, Mode, next_mode
 from optsc.control.operator_input import OperatorInput
 from optsc.control.policies import Alternating
 from optsc.control.servo import Servo, ServoSettings
+from optsc.control.status import error_text
 from optsc.errors import InvalidValue
 from optsc.followers.protocol import FollowerState
 from optsc.geometry import Pose
@@ -106,8 +107,9 @@ class SharedController:
 
     def reset(self, q: ArrayLike, rate: float = 500.0) -> None:
         """Start at rest in configuration ``q`` (n,) [rad], for ticks at ``rate`` [Hz]; raise `InvalidValue`."""
-        self.servo = Servo(self.robot, rate, self._servo_settings, self._solver, self._avoid)
-        self.servo.reset(q)
+        servo = Servo(self.robot, rate, self._servo_settings, self._solver, self._avoid)
+        servo.reset(q)
+        self.servo = servo
         self.selector.forget()
         self.state = ControllerState(self.state.clutch, self._modes.open)
         if self._avoid is not None:
@@ -157,12 +159,17 @@ class SharedController:
 
         ``clear`` tells which of them the arm can execute without touching what it should not, see
         `optsc.collision.GraspClearance`. Vetoes and beliefs begin again. If the object that the robot is on its way to
-        has moved or is gone, the next tick is a fault.
+        has moved or is gone, the next tick is a fault. Where this raises, as a collision check may, nothing changes.
         """
         state, doubt = self.state, self.state.doubt
         if state.target is not None and state.mode in _BEFORE_CONTACT:
             doubt = displaced(state.target, state.choice.candidates, candidates)
-        choice = self._choice.observed(state.choice, candidates, self.servo.guard.q.copy(), clear)
+        before = self.selector.state
+        try:
+            choice = self._choice.observed(state.choice, candidates, self.servo.guard.q.copy(), clear)
+        except BaseException:
+            self.selector.state = before
+            raise
         self.state = state._replace(choice=choice, doubt=doubt)
 
     def recentre(self) -> None:
@@ -189,13 +196,16 @@ class SharedController:
         """
         before = self.snapshot()
         try:
-            return self._tick(sample, measured)
+            step = self._tick(sample, measured)
         except Exception as error:  # noqa: BLE001 - whatever a part of the user's raises, the arm must stop
             self.restore(before)
             return self._halted(error)
         except BaseException:
             self.restore(before)
             raise
+        if self.state.failure:
+            self._set(failure="")
+        return step
 
     def _tick(self, sample: OperatorSample | None, measured: FollowerState) -> ControlStep:
         monitor, news = self.state.monitor.read(sample)
@@ -236,11 +246,15 @@ class SharedController:
 
     def _halted(self, error: Exception) -> ControlStep:
         """Begin to come to rest by the joint limits alone, and hold; ``error`` is what a tick failed with."""
-        _LOG.error("a control tick failed; the arm comes to rest", exc_info=error)
-        reason, time = f"{type(error).__name__}: {error}", self.time
+        reason, time = error_text(error), self.time
+        if reason != self.state.failure:
+            # Not at every tick of a failure that lasts: a traceback takes longer than the tick.
+            _LOG.error("a control tick failed; the arm comes to rest", exc_info=error)
         command = self.servo.halt(reason)
         self.servo.forget()
-        self._set(mode=Mode.HOLD, entered=self.time, activity=Resting(), target=None, tuning=None)
+        self._set(
+            mode=Mode.HOLD, entered=self.time, activity=Resting(), target=None, tuning=None, failure=reason
+        )
         state = self.state
         return ControlStep(time, Mode.HOLD, Event.FAULT, command, state.opening, self.ranking, None, reason)
 
@@ -351,6 +365,8 @@ class SharedController:
         return reason
 
     def _fault(self, measured: FollowerState) -> str:
+        if np.shape(measured.q) != (self.robot.n,):
+            return f"the measured configuration has the shape {np.shape(measured.q)}, not ({self.robot.n},)"
         lag = self._lag(measured)
         if lag != lag:
             return "the measured configuration is not finite"

@@ -36,6 +36,7 @@ class ControllerState(NamedTuple):
         tried: when the robot tried to begin by itself last [s].
         doubt: why the target can no longer be trusted, in words.
         touchable: the obstacle that the hand may touch.
+        failure: what the last tick failed with, in words; empty where it did not.
     """
 
     clutch: ClutchSettings
@@ -52,6 +53,7 @@ class ControllerState(NamedTuple):
     tried: float = -inf
     doubt: str = ""
     touchable: str | None = None
+    failure: str = ""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

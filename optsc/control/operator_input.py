@@ -62,7 +62,8 @@ class InputMonitor(NamedTuple):
             return self, OperatorInput(Event.FAULT, f"operator sample refused: {fault}")
         engaged, triggered = sample.clutch and not self.clutch, sample.trigger and not self.trigger
         p, q = sample.X_SH.translation.tolist(), sample.X_SH.quaternion.tolist()
-        hand = Hand(tuple(p), tuple(q), sample.stamp)
-        after = InputMonitor(hand, bool(sample.clutch), bool(sample.trigger), sample.buttons, sample.stamp)
+        hand = Hand(tuple(p), tuple(q), float(sample.stamp))
+        buttons = frozenset(sample.buttons)  # the operator may go on writing into its own set
+        after = InputMonitor(hand, bool(sample.clutch), bool(sample.trigger), buttons, float(sample.stamp))
         event = Event.TRIGGERED if triggered else Event.ENGAGED if engaged else None
-        return after, OperatorInput(event, "", True, sample.buttons - self.buttons, self.hand, sample.nudge)
+        return after, OperatorInput(event, "", True, buttons - self.buttons, self.hand, sample.nudge)

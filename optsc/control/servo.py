@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike
 
 from optsc.checks import Checked, NonNegative, Pair, Positive, Share, require
 from optsc.control.state import Numbers, ServoSnapshot, ServoState
-from optsc.control.status import FOLLOWING, Command, Status, held_back, near_singularity
+from optsc.control.status import FOLLOWING, Command, Status, error_text, held_back, near_singularity
 from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
@@ -159,7 +159,6 @@ class Servo:
         for part, *pair in zip(_PARTS, tool_braking(robot.limits), self.settings.catching_up, strict=True):
             values[part] = pair
         period[:] = self.period
-        self._at_rest = np.zeros(robot.n)
         self._waiting = 1.0 - exp(-self.period / WAITING)
         self._singular_volume = SINGULAR_SHARE * self.ik.volume(robot.home)
         self._written: Track | None = None  # the track that the reference model's target was written from
@@ -169,6 +168,7 @@ class Servo:
     def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
         """Start from configuration ``q`` (n,) [rad] and velocity ``v`` (n,) [rad/s]; raise `InvalidValue`."""
         self.guard.reset(self.robot.checked(q), v)
+        self.numbers.reference[:] = 0.0
         self.state = ServoState()
         self._written = None
         self.spent = 0.0
@@ -235,11 +235,16 @@ class Servo:
             return self.tick(X_WT, stamp)
         except Exception as error:  # noqa: BLE001 - whatever a solver or an obstacle raises, the arm must stop
             self.restore(before)
-            return self.halt(f"{type(error).__name__}: {error}")
+            return self.halt(error_text(error))
+        except BaseException:
+            self.restore(before)
+            raise
 
     def tick(self, X_WT: Pose | None = None, stamp: float | None = None) -> Command:
         """Move one tick like `step`, for callers that take a failed tick back themselves: what fails, raises."""
         if X_WT is not None:
+            if not isinstance(X_WT, Pose):
+                return self._stop(Status.INVALID, f"target is of type {type(X_WT).__name__}, not a pose")
             p, q = X_WT.translation.tolist(), X_WT.quaternion.tolist()
             when = self.time if stamp is None else stamp
             if not _is_pose(p, q) or not abs(when) < FARTHEST:
@@ -288,12 +293,12 @@ class Servo:
         return self._follow()
 
     def stop(self) -> Command:
-        """Move one tick of a jerk-limited way to rest, or stay there."""
+        """Move one tick of a jerk-limited motion to rest, or stay there."""
         return self._stop(Status.HOLDING, "")
 
     def halt(self, reason: str) -> Command:
         """Move one tick to rest by the joint limits alone, without asking a solver; ``reason`` says what failed."""
-        return self._come_to_rest(self._at_rest, Status.UNSOLVED, reason, perf_counter())
+        return self._come_to_rest(np.zeros(self.robot.n), Status.UNSOLVED, reason, perf_counter())
 
     def _start(self) -> None:
         """Begin to lead the tool from where it is commanded to be, at the velocity that it has, if it was stopped."""
@@ -306,7 +311,7 @@ class Servo:
         self.state = ServoState(ticks, track, False)
 
     def _follow(self) -> Command:
-        """Move one tick on the way to the target that the reference model has been given."""
+        """Move one tick towards the target that the reference model has been given."""
         start = perf_counter()
         self._model.run()
         reference, guard, numbers = self._reference, self.guard, self.numbers
@@ -368,7 +373,9 @@ class Servo:
         reference[7:13] += share * (self.robot.jacobian(q) @ wanted - reference[7:13])
 
     def _stop(self, status: Status, reason: str) -> Command:
-        start, guard, rest = perf_counter(), self.guard, self._at_rest
+        start, guard = perf_counter(), self.guard
+        # Not one array for all ticks: it becomes part of the command, which is the caller's to write into.
+        rest = np.zeros(self.robot.n)
         if self.avoid is not None:
             rest = self.avoid.stopping(guard.q, guard.lowest, guard.highest, self.ik.solver)
         return self._come_to_rest(rest, status, reason, start)

@@ -59,6 +59,14 @@ class Command(NamedTuple):
     outside: float = 0.0
 
 
+def error_text(error: Exception) -> str:
+    """Return type and message of an error, also of one whose message cannot be made."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:  # noqa: BLE001 - it may be a user's error with a faulty __str__
+        return type(error).__name__
+
+
 class Verdict(NamedTuple):
     """What held the motion of a tick back, and why, in words; the reason is empty while following."""
 

@@ -1,0 +1,349 @@
+"""Attacks on the state: solvers that remember, parts that raise, and input of wrong types."""
+
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import optsc.control.mode_entry as mode_entry
+from optsc.collision import CollisionAvoidance
+from optsc.control import activities
+from optsc.control.arbitration import HAND_ALONE, Arbitration, Blend
+from optsc.control.modes import Mode
+from optsc.control.policies import LinearBlending
+from optsc.control.servo import Servo
+from optsc.control.status import Status
+from optsc.followers import FollowerState
+from optsc.geometry import Pose, TriangleMesh
+from optsc.ik import solver_names
+from optsc.operators import Button, OperatorSample
+from optsc.operators.smoothing import Smoothing
+from optsc.robot import JointLimits, load_robot
+from optsc.selection import PositionDistance, WeightedSum
+from optsc.selection.filters import GraspFilter
+from optsc.selection.hysteresis import Hysteresis
+from optsc.testing.loop import PERIOD, Loop, assert_limits_hold, scene
+
+SOLVERS = [name for name in ("daqp", "proxqp", "quadprog") if name in solver_names()]
+CUBE = TriangleMesh(
+    0.05 * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]), [[0, 1, 3]]
+)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("panda")
+
+
+def bytes_of(commands):
+    return [np.concatenate([c.q, c.v, c.a, c.error, [c.slack]]).tobytes() for c in commands]
+
+
+def slower(limits, share):
+    return JointLimits(limits.lower, limits.upper, share * limits.velocity, limits.acceleration, limits.jerk)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_with_any_solver_a_snapshot_goes_on_with_the_same_bytes_whatever_happened_since(robot, solver):
+    X = robot.forward(robot.home)
+    avoid = CollisionAvoidance(robot, {"cube": (CUBE, Pose.from_translation(X.translation + [0.2, 0, 0]))})
+    servo = Servo(robot, solver=solver, avoid=avoid)
+
+    def go(count):
+        start = servo.state.ticks
+        targets = [
+            Pose(X.quaternion, X.translation + [4e-4 * k, 0.0, 0.0]) for k in range(start, start + count)
+        ]
+        return [servo.step(target, servo.time) for target in targets]
+
+    go(150)
+    before = servo.snapshot()
+    first = bytes_of(go(150))
+    avoid.move("cube", Pose.from_translation([0.3, 0.4, 0.3]), np.full(6, 0.01))
+    avoid.hand_may_touch("cube")
+    servo.set_limits(slower(robot.limits, 0.5))
+    servo.prefer(robot.home + 0.1)
+    go(37)
+    servo.restore(before)
+    assert servo.snapshot() == before
+    assert bytes_of(go(150)) == first
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_answers_of_a_solver_follow_from_the_problem_alone(robot, name):
+    servo = Servo(robot, solver=name)
+    rng = np.random.default_rng(0)
+    problems = []
+    for n in (7, 5, 7, 7, 5):
+        A = rng.normal(size=(n, n))
+        problems.append((A @ A.T + np.eye(n), 5.0 * rng.normal(size=n), -np.ones(n), np.ones(n)))
+    solve = servo.ik.solver.solve
+    first = [solve(*problem).x.tobytes() for problem in problems]
+    assert [solve(*problem).x.tobytes() for problem in problems[::-1]][::-1] == first
+
+
+def test_hysteresis_recentring_and_observing_again_are_part_of_the_state(robot):
+    loop = Loop(robot, scene(), arbitration=LinearBlending())
+    loop.controller.selector.hysteresis = Hysteresis()
+    loop.go(0.3, move=(0.05, 0.03, 0.0))
+    controller = loop.controller
+    before, measured, hand, time = controller.snapshot(), loop.measured, loop.hand, loop.time
+
+    def go():
+        loop.measured, loop.hand, loop.steps = measured, hand, []
+        loop.go(0.3, move=(0.03, 0.05, -0.02))
+        return bytes_of([step.command for step in loop.steps]), [step.belief for step in loop.steps]
+
+    first = go()
+    loop.go(0.1)
+    controller.recentre()
+    controller.observe(scene(count=3))
+    loop.go(0.1, buttons=frozenset({Button.VETO}))
+    controller.restore(before)
+    assert controller.time == time
+    assert controller.snapshot() == before
+    assert go() == first
+
+
+class FailsError(Exception):
+    """What a part of the user raises; it cannot even say why."""
+
+    def __str__(self):
+        raise RuntimeError
+
+
+def fail(*args, **kwargs):
+    raise FailsError
+
+
+class RaisingFilter(GraspFilter):
+    reason = "raises"
+    armed = False
+
+    def passes(self, situation):
+        if self.armed:
+            fail()
+        return situation.grid.reachable
+
+
+class RaisingCost(PositionDistance):
+    def key(self, situation):
+        if situation.position[1] > 0.04:
+            fail()
+        return super().key(situation)
+
+
+def raising(part, loop, monkeypatch):
+    """Let one part raise from now on."""
+    controller = loop.controller
+    if part == "solver":
+        monkeypatch.setattr(controller.servo.ik.solver, "solve", fail, raising=False)
+    elif part == "cost":
+        controller.selector.rank_by(
+            WeightedSum(((RaisingCost(), 1.0),)), controller.selector.solver.manipulability
+        )
+    elif part == "filter":
+        controller.selector.filters[0].armed = True
+    elif part == "policy":
+        monkeypatch.setattr(LinearBlending, "blend", fail)
+    elif part == "inverse kinematics":
+        solver = replace(controller.selector.solver, solve=fail, refresh_angle=1e-9)
+        monkeypatch.setattr(controller.selector, "solver", solver)
+    elif part == "time law":
+        monkeypatch.setattr(activities, "StraightPath", fail)
+    elif part == "smoothing":
+        monkeypatch.setattr(activities, "smoothed", fail)
+    elif part == "mode entry":
+        monkeypatch.setattr(mode_entry, "activity_of", fail)
+    elif part == "path":
+        monkeypatch.setattr("optsc.control.grasp_choice.grasp_path_feasibility", fail)
+
+
+PARTS = (
+    "solver",
+    "cost",
+    "filter",
+    "policy",
+    "inverse kinematics",
+    "time law",
+    "smoothing",
+    "mode entry",
+    "path",
+)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_whatever_raises_the_arm_comes_to_rest_within_limits_and_can_be_led_on(robot, part, monkeypatch):
+    arbitration = LinearBlending() if part == "policy" else None
+    loop = Loop(robot, scene(), smoothing=Smoothing(), arbitration=arbitration)
+    loop.controller.selector.filters = (RaisingFilter(),)
+    loop.controller.selector.forget()
+    loop.go(0.3, move=(0.02, 0.02, 0.0))
+    with monkeypatch.context() as patch:
+        raising(part, loop, patch)
+        ticks = loop.controller.servo.state.ticks
+        loop.go(0.2, move=(0.02, 0.05, 0.0))
+        loop.press()
+        loop.go(0.3)
+        assert any("FailsError" in step.reason for step in loop.steps)
+        assert loop.controller.servo.state.ticks > ticks
+        assert np.abs(loop.steps[-1].command.v).max() < 1e-12
+    if part not in ("cost", "filter"):
+        loop.go(0.1, clutch=False)
+        loop.go(0.3, move=(0.01, 0.0, 0.0))
+        assert loop.controller.mode is Mode.MANUAL
+    assert_limits_hold(robot, loop.steps)
+
+
+def test_a_scene_that_cannot_be_judged_changes_nothing(robot):
+    loop = Loop(robot, scene())
+    loop.go(0.3)
+    loop.go(0.02, buttons=frozenset({Button.VETO}))
+    assert loop.controller.selector.state.vetoed
+    before = loop.controller.snapshot()
+    with pytest.raises(FailsError):
+        loop.controller.observe(scene(count=4), fail)
+    assert loop.controller.snapshot() == before
+    with pytest.raises(ValueError, match="shape"):
+        loop.controller.reset(np.zeros(3))
+    assert loop.controller.snapshot() == before
+
+
+I4 = Pose.identity()
+SAMPLES = (
+    "a sample",
+    np.eye(4),
+    3.0,
+    OperatorSample(0.0, np.eye(4)),
+    OperatorSample(0.0, None),
+    OperatorSample(None, I4),
+    OperatorSample("now", I4),
+    OperatorSample(0.0, SimpleNamespace(translation=np.zeros(3), quaternion=np.zeros(3))),
+    OperatorSample(0.0, SimpleNamespace(translation=[0.0, 0.0, 0.0], quaternion=[1.0, 0.0, 0.0, 0.0])),
+    OperatorSample(0.0, I4, clutch=np.array([True, False])),
+    OperatorSample(0.0, I4, buttons=None),
+    OperatorSample(0.0, I4, buttons={1, "confirm"}),
+    OperatorSample(0.0, I4, nudge=3.0),
+    OperatorSample(0.0, I4, nudge=("a",) * 6),
+    OperatorSample(float("inf"), I4),
+)
+
+
+def measured_of(kind, measured):
+    q, v, nan = measured.q, measured.v, float("nan")
+    return {
+        "none": None,
+        "no values": FollowerState(None, None, None, None),
+        "nan": FollowerState(nan, nan * q, nan * v, nan),
+        "infinite": FollowerState(0.0, q + np.inf, v, 0.0),
+        "long": FollowerState(0.0, np.zeros(8), v, 0.0),
+        "one": FollowerState(0.0, np.zeros(1), v, 0.0),
+        "matrix": FollowerState(0.0, q[None], v[None], 0.0),
+        "words": FollowerState(0.0, "q", "v", "opening"),
+        "far": FollowerState(0.0, q + 3.0, v, 0.0),
+    }[kind]
+
+
+@pytest.mark.parametrize("sample", SAMPLES, ids=range(len(SAMPLES)))
+def test_a_sample_of_a_wrong_type_never_raises_and_stops_nothing_for_good(robot, sample):
+    loop = Loop(robot, scene())
+    loop.go(0.3, move=(0.03, 0.0, 0.0))
+    if isinstance(sample, OperatorSample) and sample.stamp == 0.0:
+        sample = sample._replace(stamp=loop.time)
+    loop.tick(sample)
+    loop.go(0.3, clutch=False)
+    loop.go(0.3, move=(0.01, 0.0, 0.0))
+    assert loop.controller.mode is Mode.MANUAL
+    assert_limits_hold(robot, loop.steps)
+
+
+@pytest.mark.parametrize(
+    "kind", ["none", "no values", "nan", "infinite", "long", "one", "matrix", "words", "far"]
+)
+def test_a_measured_state_that_is_none_never_raises_and_stops_the_arm(robot, kind, caplog):
+    loop = Loop(robot, scene())
+    loop.go(0.3, move=(0.03, 0.0, 0.0))
+    good = loop.measured
+    for _ in range(100):
+        step = loop.controller.step(None, measured_of(kind, good))
+        loop.steps.append(step)
+    assert loop.controller.mode is Mode.HOLD
+    assert len(caplog.records) <= 1
+    assert_limits_hold(robot, loop.steps)
+    loop.measured = FollowerState(0.0, step.command.q, step.command.v, 0.08)
+    loop.go(0.1, clutch=False)
+    loop.go(0.2)
+    assert loop.controller.mode is Mode.MANUAL
+    assert_limits_hold(robot, loop.steps)
+
+
+@pytest.mark.parametrize("target", [np.eye(4), "home", 3, SimpleNamespace(translation=None), [0.0] * 3])
+def test_a_target_of_a_wrong_type_is_refused(robot, target):
+    servo = Servo(robot)
+    command = servo.step(target)
+    assert command.status is Status.INVALID
+    assert servo.step(robot.forward(robot.home), "soon").status is Status.UNSOLVED
+    assert servo.state.ticks == 2
+
+
+def test_interrupting_the_servo_leaves_the_state_before_it(robot, monkeypatch):
+    servo = Servo(robot)
+    servo.step(robot.forward(robot.home))
+    before = servo.snapshot()
+
+    def interrupted(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(servo.ik, "solve", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        servo.step(robot.forward(robot.home + 0.01))
+    assert servo.snapshot() == before
+
+
+def test_what_a_command_holds_is_the_callers_to_write_into(robot):
+    servo = Servo(robot)
+    for values in servo.step()[:3]:
+        values[:] = 7.0
+    command = servo.step()
+    np.testing.assert_array_equal(command.q, robot.home)
+    np.testing.assert_array_equal(command.v, 0.0)
+
+
+@dataclass(frozen=True)
+class OneArray(Arbitration):
+    """A policy that answers with the same array at every tick."""
+
+    answer: Blend = field(default_factory=lambda: Blend(np.eye(6), np.zeros(6), 0.0))
+    name: ClassVar[str] = "one array"
+
+    def blend(self, moment):
+        self.answer.robot[0] += 1e-3
+        return self.answer
+
+
+def test_what_a_policy_does_with_its_answer_later_does_not_change_the_state(robot):
+    loop = Loop(robot, scene(), arbitration=OneArray())
+    loop.go(0.2)
+    state = loop.controller.state.activity.last
+    assert state is not HAND_ALONE
+    kept = state.robot.copy()
+    loop.go(PERIOD)
+    np.testing.assert_array_equal(state.robot, kept)
+
+
+def test_an_operator_may_use_one_set_of_buttons_again(robot):
+    loop = Loop(robot, scene())
+    buttons = set()
+    loop.go(0.3, buttons=buttons)
+    buttons.add(Button.VETO)
+    loop.tick(OperatorSample(loop.time, loop.hand, buttons=buttons))
+    assert loop.controller.selector.state.vetoed
+
+
+def test_jaws_whose_opening_is_unknown_do_not_count_as_closed():
+    closing = activities.Closing(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), still=3, opening=0.02)
+    servo = SimpleNamespace(track=lambda *at: None, period=PERIOD)
+    after, _ = closing.step(servo, activities.HandInput(None, False, False), float("nan"))
+    assert after.still == 0
