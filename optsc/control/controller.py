@@ -209,8 +209,7 @@ class SharedController:
 
     def _tick(self, sample: OperatorSample | None, measured: FollowerState) -> ControlStep:
         monitor, news = self.state.monitor.read(sample)
-        if monitor is not self.state.monitor:
-            self._set(monitor=monitor)
+        self._set(monitor=monitor)
         event, reason = self._decide(news, measured)
         leaves_hold = self.mode is Mode.HOLD and next_mode(self.mode, event) is not Mode.HOLD
         if leaves_hold and self._lag(measured) > LARGEST_LAG:
@@ -227,8 +226,7 @@ class SharedController:
             self._change(event)
         reason = outcome.reason or reason
         if not mode.automatic:
-            choice = self._choice.followed(choice, self.servo, self._leading_hand(), self.clutch)
-            self._set(choice=choice)
+            self._set(choice=self._choice.followed(choice, self.servo, self._leading_hand(), self.clutch))
             self._allow_contact()
         state = self.state
         return ControlStep(
@@ -245,18 +243,17 @@ class SharedController:
         )
 
     def _halted(self, error: Exception) -> ControlStep:
-        """Begin to come to rest by the joint limits alone, and hold; ``error`` is what a tick failed with."""
+        """Begin to come to rest by the joint limits alone, and hold."""
         reason, time = error_text(error), self.time
         if reason != self.state.failure:
             # Not at every tick of a failure that lasts: a traceback takes longer than the tick.
             _LOG.error("a control tick failed; the arm comes to rest", exc_info=error)
         command = self.servo.halt(reason)
         self.servo.forget()
-        self._set(
-            mode=Mode.HOLD, entered=self.time, activity=Resting(), target=None, tuning=None, failure=reason
-        )
-        state = self.state
-        return ControlStep(time, Mode.HOLD, Event.FAULT, command, state.opening, self.ranking, None, reason)
+        rest = {"activity": Resting(), "target": None, "tuning": None, "failure": reason}
+        self._set(mode=Mode.HOLD, entered=self.time, **rest)
+        opening = self.state.opening
+        return ControlStep(time, Mode.HOLD, Event.FAULT, command, opening, self.ranking, None, reason)
 
     def _set(self, **changes: Any) -> None:
         self.state = self.state._replace(**changes)
@@ -365,8 +362,8 @@ class SharedController:
         return reason
 
     def _fault(self, measured: FollowerState) -> str:
-        if np.shape(measured.q) != (self.robot.n,):
-            return f"the measured configuration has the shape {np.shape(measured.q)}, not ({self.robot.n},)"
+        if (shape := np.shape(measured.q)) != (self.robot.n,):
+            return f"the measured configuration has the shape {shape}, not ({self.robot.n},)"
         lag = self._lag(measured)
         if lag != lag:
             return "the measured configuration is not finite"

@@ -16,6 +16,8 @@ ITERATION_LIMIT = 100
 """A tick's problem needs a handful; without a cap ProxQP spends minutes on an infeasible or non-finite one."""
 
 
+AT_BOUND = 2e-6
+"""How near to a bound [rad/s] an answer of ProxQP, which is accurate to some 1e-6, is at it."""
 UNBOUNDED = 1e30
 """What all solvers take for no bound."""
 
@@ -145,7 +147,10 @@ class ProxQpSolver:
         problem.solve()
         info = problem.results.info
         if info.status == self._proxqp.PROXQP_SOLVED:
-            return QpSolution(np.array(problem.results.x), True, int(info.iter))
+            x = np.array(problem.results.x)
+            # What a bound holds is at it exactly: by that the servo tells which limit a joint is at.
+            x = np.where(x < lower + AT_BOUND, lower, np.where(x > upper - AT_BOUND, upper, x))
+            return QpSolution(x, True, int(info.iter))
         return QpSolution(np.zeros(n), False, int(info.iter), f"proxqp: {info.status}")
 
 
