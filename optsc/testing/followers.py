@@ -70,6 +70,31 @@ class FollowerContract(Contract):
             np.testing.assert_allclose(state.opening, widest(robot), rtol=0.0, atol=1e-12)
             assert as_bytes(state) == as_bytes(follower.state()), "reset() and state() differ"
 
+    def test_it_goes_on_from_a_state_that_it_was_put_at_or_says_that_it_cannot(self) -> None:
+        with self.opened() as (follower, robot):
+            q, v = swing(robot, 0.4)
+            asked = FollowerState(0.4, q, v, 0.5 * widest(robot))
+            before = as_bytes(follower.state())
+            try:
+                placed = follower.at(asked)
+            except InvalidValue:
+                assert as_bytes(follower.state()) == before, "it refused and yet moved"
+                return
+            assert placed is follower, "at() does not return the follower"
+            found = follower.state()
+            for name, tolerance in (("time", 1e-9), ("q", 1e-9), ("v", 1e-9), ("opening", 1e-6)):
+                np.testing.assert_allclose(
+                    getattr(found, name), getattr(asked, name), rtol=0.0, atol=tolerance
+                )
+            for tick in range(1, 51):
+                q, v = swing(robot, 0.4 + tick * PERIOD)
+                state = follower.apply(q, v, asked.opening, PERIOD)
+                np.testing.assert_allclose(state.time, 0.4 + tick * PERIOD, rtol=0.0, atol=1e-9)
+                np.testing.assert_allclose(state.q, q, rtol=0.0, atol=self.tolerance)
+            for wrong in (asked._replace(q=q[:-1]), asked._replace(v=v * np.nan)):
+                with refused(InvalidValue, "v" if wrong.q is asked.q else "q"):
+                    follower.at(wrong)
+
     def test_a_new_follower_stands_at_home(self) -> None:
         with self.opened() as (follower, robot):
             np.testing.assert_array_equal(follower.state().q, robot.home)
