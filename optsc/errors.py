@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
@@ -72,43 +71,3 @@ class Closed(OptscError, RuntimeError):
 
 class SolverFailure(OptscError):
     """A one-off computation outside the control loop that has no answer (the loop itself never raises)."""
-
-
-def require_positive(owner: str, values: Mapping[str, float]) -> None:
-    """Raise `InvalidValue` for the first of ``values`` that is not finite and above 0.
-
-    Args:
-        owner: whose values they are, the name of a class for example; it comes first in the field's name.
-        values: by field name.
-    """
-    for name, value in values.items():
-        if not (value > 0.0 and math.isfinite(value)):
-            raise InvalidValue(f"{owner}.{name}", value, "finite, above 0")
-
-
-def require_pair(owner: str, values: Mapping[str, tuple[float, float]]) -> None:
-    """Raise `InvalidValue` for the first of ``values`` that is not two finite numbers above 0.
-
-    Args:
-        owner: whose values they are; it comes first in the field's name.
-        values: by field name; of a translation and a rotation, for example.
-    """
-    for name, value in values.items():
-        if len(value) != 2 or not all(x > 0.0 and math.isfinite(x) for x in value):
-            raise InvalidValue(f"{owner}.{name}", value, "two finite numbers above 0")
-
-
-def require_within(
-    owner: str, values: Mapping[str, float], ranges: Mapping[str, tuple[float, float]]
-) -> None:
-    """Raise `InvalidValue` for the first of ``values`` that is not in its range, both ends included.
-
-    Args:
-        owner: whose values they are; it comes first in the field's name.
-        values: by field name.
-        ranges: smallest and greatest allowed value of each field.
-    """
-    for name, value in values.items():
-        low, high = ranges[name]
-        if not low <= value <= high:
-            raise InvalidValue(f"{owner}.{name}", value, f"{low:g} to {high:g}")

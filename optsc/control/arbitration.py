@@ -1,13 +1,11 @@
-"""What an arbitration policy is: how the hand's wish and the robot's become one motion.
+"""Arbitration policy: how the hand's wish and the robot's become one motion.
 
-In manual mode a policy says how much of the hand's velocity u_h is carried out, and what the robot adds:
+In manual mode a policy says how much of the hand's velocity u_h is executed, and what the robot adds:
 
     u = A u_h + r
 
 Every policy here has this form. `optsc.control.assisted` integrates it from where the tool is, lets A and r come in
 smoothly from A = I, r = 0, and bounds them: whatever a policy answers, and however suddenly, nothing jumps.
-
-Wishes of the robot, as twists (6,) in W, and confidence.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ class Trigger(Enum):
 
 
 class GraspPose(NamedTuple):
-    """A grasp that the arm can carry out: the tool's pose in W, and the number of the candidate."""
+    """A grasp that the arm can execute: the tool's pose in W, and the number of the candidate."""
 
     p: Vector
     q: Quaternion
@@ -40,12 +38,12 @@ class GraspPose(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """An object that may be meant.
+    """An object that may be intended.
 
     Attributes:
         name: of the object.
-        probability: that it is the one that is meant.
-        nearest: its grasp that is nearest to the tool, of those that the arm can carry out.
+        probability: that it is the intended one.
+        nearest: its grasp that is nearest to the tool, of those that the arm can execute.
         best: its grasp of greatest manipulability.
     """
 
@@ -59,7 +57,7 @@ class Blend(NamedTuple):
     """How hand and robot are blended: u = A u_h + r, twists (6,) in W, linear over angular.
 
     Attributes:
-        hand: A (6, 6), what is carried out of the hand's velocity.
+        hand: A (6, 6), what is executed of the hand's velocity.
         robot: r (6,) [m/s, rad/s], what the robot adds.
         share: how much of the authority is the robot's, in [0, 1]; for displays, records and rate limits.
     """
@@ -85,7 +83,7 @@ class Moment(NamedTuple):
     Attributes:
         p, q: tool pose in W that the arm is being led along.
         hand: velocity (6,) that the hand asks for [m/s, rad/s].
-        goals: the objects that may be meant, by name; empty where no grasp is in reach.
+        goals: the objects that may be intended, by name; empty where no grasp is in reach.
         gap: by how much the most probable object leads the second, in [0, 1].
         last: what the policy answered at the tick before; `HAND_ALONE` after the clutch has closed.
         period: time since then [s].
@@ -130,8 +128,8 @@ class Arbitration(Protocol):
         """Return how hand and robot are blended now."""
         return HAND_ALONE
 
-    def begins(self, meant_for: float) -> bool:
-        """Tell whether the robot takes over by itself, the same object having been meant for ``meant_for`` [s].
+    def begins(self, intended_for: float) -> bool:
+        """Tell whether the robot takes over by itself, the same object having been intended for ``intended_for`` [s].
 
         Asked until the operator has stepped in, and again after a halt.
         """

@@ -1,29 +1,15 @@
-"""The paper's arbitration: either the hand or the robot, and the trigger changes over.
-
-The robot alone, as soon as it knows what for.
-
-Continuous blending with a grasp chosen by manipulability alone: the paper's predecessor, as far as it is known.
-
-Product of experts: hand and robot as Gaussian opinions about the velocity.
-
-A virtual fixture: the robot adds no motion, but makes the wrong directions stiff.
-
-Hindsight optimisation: help that is right on average over what may be meant.
-
-Linear policy blending by confidence.
-
-No assistance at all.
-"""
+"""Arbitration policies: the hand alone, hand-over at a trigger or by itself, blending, fixtures, hindsight."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import hypot, isfinite, pi
+from math import hypot, pi
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
+from optsc.checks import Checked, NonNegative, Pair, Positive, Share
 from optsc.control.arbitration import (
     HAND_ALONE,
     Arbitration,
@@ -38,7 +24,7 @@ from optsc.control.arbitration import (
     ramp,
     towards,
 )
-from optsc.errors import InvalidValue, UnknownName, require_pair, require_positive, require_within
+from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Vector
 from optsc.selection.intent import HuberCost, IntentSettings
@@ -54,37 +40,33 @@ class Alternating(Arbitration):
 
 
 @dataclass(frozen=True)
-class Automatic(Arbitration):
-    """The robot begins by itself once the same object has been meant for a while; the operator may step in.
+class Automatic(Checked, Arbitration):
+    """The robot begins by itself once the same object has been intended for a while; the operator may step in.
 
     From then on it is `Alternating`: who has stepped in hands over again with the trigger.
 
     Attributes:
-        dwell: for how long the same object has to be meant [s].
+        dwell: for how long the same object has to be intended [s].
     """
 
-    dwell: float = 0.5
+    dwell: Annotated[float, NonNegative] = 0.5
 
     name: ClassVar[str] = "automatic"
     trigger: ClassVar[Trigger] = Trigger.HANDS_OVER
     assists: ClassVar[bool] = False
 
-    def __post_init__(self) -> None:
-        if not (isfinite(self.dwell) and self.dwell >= 0):
-            raise InvalidValue("dwell", self.dwell, "finite, 0 s or more")
-
-    def begins(self, meant_for: float) -> bool:
-        """Tell whether the object has been meant long enough."""
-        return meant_for >= self.dwell
+    def begins(self, intended_for: float) -> bool:
+        """Tell whether the object has been intended long enough."""
+        return intended_for >= self.dwell
 
 
 @dataclass(frozen=True)
-class Continuous(Arbitration):
+class Continuous(Checked, Arbitration):
     """Continuous blending, u = (1 - alpha) u_h + alpha u_r, towards the grasp of greatest manipulability.
 
     Known of Zhu et al. (IEEE Access, 2023): it "dynamically and continuously" blends the user's intention with
-    assistance, and the grasp is the one of best manipulability, whatever the hand's pose. Not known to us is the law
-    by which it blends. Ours is the distance confidence that is usual elsewhere: alpha = most max(0, 1 - d / reach),
+    assistance, and the grasp is the one of best manipulability, whatever the hand's pose. The law by which it
+    blends is not known. Here it is the distance confidence that is usual elsewhere: alpha = most max(0, 1 - d / reach),
     with d the distance from the tool to that grasp, changing no quicker than ``rate``.
 
     Attributes:
@@ -93,15 +75,11 @@ class Continuous(Arbitration):
         rate: by how much alpha changes at most [1/s].
     """
 
-    reach: float = 0.3
-    most: float = 0.6
-    rate: float = 2.0
+    reach: Annotated[float, Positive] = 0.3
+    most: Annotated[float, Share] = 0.6
+    rate: Annotated[float, Positive] = 2.0
 
     name: ClassVar[str] = "continuous"
-
-    def __post_init__(self) -> None:
-        require_positive("Continuous", {"reach": self.reach, "rate": self.rate})
-        require_within("Continuous", {"most": self.most}, {"most": (0.0, 1.0)})
 
     def aim(self, goal: Goal) -> GraspPose:
         """Return the grasp of greatest manipulability."""
@@ -118,31 +96,27 @@ class Continuous(Arbitration):
 
 
 @dataclass(frozen=True)
-class ProductOfExperts(Arbitration):
+class ProductOfExperts(Checked, Arbitration):
     """Product of Gaussian experts: the velocity that hand and goals find most likely together.
 
         Lambda = Lambda_h + sum_g beta_g Lambda_g,   u = Lambda^-1 (Lambda_h u_h + sum_g beta_g Lambda_g u_g)
 
     The blending of K. Hansel, J. Urain, J. Peters, G. Chalvatzaki, "Hierarchical policy blending as inference for
-    reactive robot control", 2022, without its planner. An expert that stands for a goal is sure across the way to it
+    reactive robot control", 2022, without its planner. An expert that stands for a goal is sure across the path to it
     and less so along it: it corrects the direction more than the speed. Linear blending is the special case of scalar
-    precisions. The weights are ours: beta_g = max(0, b_g - 1/K) / (1 - 1/K), the belief beyond knowing nothing; 1 for
-    a single object.
+    precisions. The weights are tuned here: beta_g = max(0, b_g - 1/K) / (1 - 1/K), the belief beyond knowing nothing;
+    1 for a single object.
 
     Attributes:
         hand: standard deviations of the hand's velocity [m/s, rad/s].
-        across, along: those of a goal's velocity, across the way to it and along it [m/s, rad/s].
+        across, along: those of a goal's velocity, across the path to it and along it [m/s, rad/s].
     """
 
-    hand: tuple[float, float] = (0.05, 0.25)
-    across: tuple[float, float] = (0.05, 0.25)
-    along: tuple[float, float] = (0.1, 0.5)
+    hand: Annotated[tuple[float, float], Pair] = (0.05, 0.25)
+    across: Annotated[tuple[float, float], Pair] = (0.05, 0.25)
+    along: Annotated[tuple[float, float], Pair] = (0.1, 0.5)
 
     name: ClassVar[str] = "product of experts"
-
-    def __post_init__(self) -> None:
-        pairs = {"hand": self.hand, "across": self.across, "along": self.along}
-        require_pair("ProductOfExperts", pairs)
 
     def blend(self, moment: Moment) -> Blend:
         """Return A = Lambda^-1 Lambda_h and r = Lambda^-1 sum_g beta_g Lambda_g u_g."""
@@ -162,13 +136,13 @@ class ProductOfExperts(Arbitration):
         r = np.asarray(np.linalg.solve(total, wish), dtype=float)
         return Blend(A, r, 1.0 - float(np.trace(A)) / 6.0)
 
-    def _precision(self, part: int, way: Vector) -> Array:
-        """Return the precision (3, 3) of a goal's velocity: low along the way, high across it."""
+    def _precision(self, part: int, path: Vector) -> Array:
+        """Return the precision (3, 3) of a goal's velocity: low along the path, high across it."""
         across, along = self.across[part] ** -2.0, self.along[part] ** -2.0
-        length = hypot(*way)
+        length = hypot(*path)
         if length < 1e-9:
             return across * np.eye(3)
-        d = np.array(way) / length
+        d = np.array(path) / length
         return across * np.eye(3) + (along - across) * np.outer(d, d)
 
 
@@ -181,11 +155,11 @@ def weights(probability: list[float]) -> list[float]:
 
 
 @dataclass(frozen=True)
-class VirtualFixture(Arbitration):
+class VirtualFixture(Checked, Arbitration):
     """Guidance fixture: u = ([D] + k_tau (I - [D])) u_h, with [D] = D (D^T D)^+ D^T the preferred directions.
 
     P. Marayong et al., "Spatial motion constraints", 2003. Preferred are here the line and the axis that lead to the
-    nearest grasp of the most probable object, both ways. The fixture closes with the belief, which is ours: k_tau
+    nearest grasp of the most probable object, both ways. The fixture closes with the belief, which is added here: k_tau
     runs from 1, free, to its value as the lead of that object rises from ``low`` to ``high``; and it opens again
     within ``near`` of the grasp, where there is no direction to speak of.
 
@@ -196,47 +170,45 @@ class VirtualFixture(Arbitration):
         rate: by how much its hold changes at most [1/s].
     """
 
-    k_tau: float = 0.3
+    k_tau: Annotated[float, Share] = 0.3
     low: float = 0.4
     high: float = 0.8
-    near: tuple[float, float] = (0.03, 0.2)
-    rate: float = 2.0
+    near: Annotated[tuple[float, float], Pair] = (0.03, 0.2)
+    rate: Annotated[float, Positive] = 2.0
 
     name: ClassVar[str] = "virtual fixture"
 
     def __post_init__(self) -> None:
-        require_within("VirtualFixture", {"k_tau": self.k_tau}, {"k_tau": (0.0, 1.0)})
+        super().__post_init__()
         if not 0.0 <= self.low <= self.high <= 1.0:
             raise InvalidValue("low, high", (self.low, self.high), "0 <= low <= high <= 1")
-        require_pair("VirtualFixture", {"near": self.near})
-        require_positive("VirtualFixture", {"rate": self.rate})
 
     def blend(self, moment: Moment) -> Blend:
         """Return A = I - hold (1 - k_tau) (I - [D]) and r = 0; the share is hold (1 - k_tau)."""
         goal = moment.goal
         if goal is None:
             return HAND_ALONE
-        ways = offset(moment, self.aim(goal))
+        paths = offset(moment, self.aim(goal))
         wanted = (1.0 - self.k_tau) * ramp(moment.gap, self.low, self.high)
         share = limited(moment.last.share, wanted, self.rate * moment.period)
         A = np.eye(6)
-        for part, way in enumerate(ways):
+        for part, path in enumerate(paths):
             block = slice(3 * part, 3 * part + 3)
-            A[block, block] -= share * min(1.0, hypot(*way) / self.near[part]) * across(way)
+            A[block, block] -= share * min(1.0, hypot(*path) / self.near[part]) * across(path)
         return Blend(A, HAND_ALONE.robot, share)
 
 
-def across(way: Vector) -> Array:
+def across(path: Vector) -> Array:
     """Return I - [D] (3, 3) of a single preferred direction: what is left across it."""
-    length = hypot(*way)
+    length = hypot(*path)
     if length < 1e-9:
         return np.zeros((3, 3))
-    d = np.array(way) / length
+    d = np.array(path) / length
     return np.eye(3) - np.outer(d, d)
 
 
 @dataclass(frozen=True)
-class Hindsight(Arbitration):
+class Hindsight(Checked, Arbitration):
     """Hindsight optimisation, or QMDP: u = u_h + sum_g b_g a_g, with a_g the descent of the cost-to-go of object g.
 
     S. Javdani, S. Srinivasa, J. A. Bagnell, "Shared autonomy via hindsight optimization", 2015 and 2018, with the
@@ -253,13 +225,10 @@ class Hindsight(Arbitration):
 
     translation: HuberCost = field(default_factory=lambda: IntentSettings().translation)
     rotation: HuberCost = field(default_factory=lambda: IntentSettings().rotation)
-    dampings: tuple[float, float] = (40.0, 0.05)
-    near: tuple[float, float] = (0.02, pi / 12)
+    dampings: Annotated[tuple[float, float], Pair] = (40.0, 0.05)
+    near: Annotated[tuple[float, float], Pair] = (0.02, pi / 12)
 
     name: ClassVar[str] = "hindsight optimisation"
-
-    def __post_init__(self) -> None:
-        require_pair("Hindsight", {"dampings": self.dampings, "near": self.near})
 
     def blend(self, moment: Moment) -> Blend:
         """Return A = I and r = sum_g b_g a_g; the share is the probability of the most probable object."""
@@ -273,20 +242,20 @@ class Hindsight(Arbitration):
             r[3:] += g.probability * self._descent(self.rotation, 1, turn)
         return Blend(HAND_ALONE.hand, r, goal.probability)
 
-    def _descent(self, cost: HuberCost, part: int, way: Vector) -> np.ndarray:
-        length = hypot(*way)
+    def _descent(self, cost: HuberCost, part: int, path: Vector) -> np.ndarray:
+        length = hypot(*path)
         slope = float(cost.derivative(np.array(length))) / self.dampings[part]
-        return np.array(way) * slope / max(length, self.near[part])
+        return np.array(path) * slope / max(length, self.near[part])
 
 
 @dataclass(frozen=True)
-class LinearBlending(Arbitration):
+class LinearBlending(Checked, Arbitration):
     """Linear blending, u = (1 - alpha) u_h + alpha u_r, towards the nearest grasp of the most probable object.
 
     A. Dragan, S. Srinivasa, "A policy-blending formalism for shared control", 2013. The confidence is the lead c of
     the most probable object over the second; alpha = most (c - low) / (high - low), between 0 and ``most``, the
     piecewise linear form of Gopinath et al.; equal thresholds make it the switch at a lead of 0.4 in the program of
-    Javdani et al., whose largest alpha is 0.6 too. The rate limit of alpha and the upper threshold are ours.
+    Javdani et al., whose largest alpha is 0.6 too. The rate limit of alpha and the upper threshold are tuned here.
 
     Attributes:
         low, high: leads between which alpha rises [1].
@@ -296,16 +265,15 @@ class LinearBlending(Arbitration):
 
     low: float = 0.4
     high: float = 0.8
-    most: float = 0.6
-    rate: float = 2.0
+    most: Annotated[float, Share] = 0.6
+    rate: Annotated[float, Positive] = 2.0
 
     name: ClassVar[str] = "linear blending"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 0.0 <= self.low <= self.high <= 1.0:
             raise InvalidValue("low, high", (self.low, self.high), "0 <= low <= high <= 1")
-        require_positive("LinearBlending", {"rate": self.rate})
-        require_within("LinearBlending", {"most": self.most}, {"most": (0.0, 1.0)})
 
     def blend(self, moment: Moment) -> Blend:
         """Return A = (1 - alpha) I and r = alpha u_r."""

@@ -7,19 +7,9 @@ control mode, the end of a time-out) the reference keeps its position, velocity 
 
     (d/dt + omega)^3 (r - target) = 0                                 reference r: pose, twist, acceleration
 
-The joint velocity q' of the tick and the slacks s of collision avoidance solve one quadratic program,
-
-    minimise    1/2 || W (J q' - V*) ||^2                             the tool follows the reference
-              + 1/2 w_p || q' - k_p (q_p - q) ||^2                    spare motion goes to a configuration q_p
-              + 1/2 w_s || q' - v - share T a ||^2                    velocities change smoothly
-              + 1/2 (d + c || W e ||^2) || q' ||^2                    damping, more where the target is far
-              + 1/2 w_a || s ||^2                                     distances are kept
-    subject to  lowest <= q' <= highest                               position, velocity, acceleration, jerk limits
-                grad(d_k) q' + s_k >= rate_k, each near pair k        no distance falls faster than it can brake
-
-with V* = V_r + min(k, sqrt(b / |e|)) e, the reference's twist and its distance e from the tool. The cost is built in
-`optsc.ik.differential`, the bounds are the viable interval (`optsc.kernels.viable`), the rows are those of
-`optsc.collision.distances`.
+The quadratic program whose solution is the joint velocity of the tick is written in `optsc.ik.differential`. Its bounds
+are the viable interval of position, velocity, acceleration and jerk limits (`optsc.kernels.viable`), its rows are those
+of collision avoidance (`optsc.ik.avoidance`).
 """
 
 from __future__ import annotations

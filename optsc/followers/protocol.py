@@ -85,8 +85,8 @@ class Follower(Protocol):
     ) -> None: ...
 
 
-class Command(NamedTuple):
-    """A checked command, see `Follower.apply`."""
+class CheckedCommand(NamedTuple):
+    """A command that is one for the arm, see `Follower.apply`."""
 
     q: Array
     v: Array
@@ -94,14 +94,16 @@ class Command(NamedTuple):
     period: float
 
 
-def checked_command(robot: RobotModel, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> Command:
+def checked_command(
+    robot: RobotModel, q: ArrayLike, v: ArrayLike, opening: float, period: float
+) -> CheckedCommand:
     """Return a command from outside as floats; raise `InvalidValue` if it is none for ``robot``.
 
     Without a gripper any finite opening will do, and becomes 0.
     """
     if not 0.0 < period < np.inf:
         raise InvalidValue("period", period, "finite, above 0 s")
-    return Command(
+    return CheckedCommand(
         one_configuration(robot, q, "q"),
         one_configuration(robot, v, "v"),
         _opening(robot, opening),
