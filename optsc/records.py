@@ -68,7 +68,7 @@ class SceneUpdate(NamedTuple):
 
     Attributes:
         candidates: the grasps of the scene as it is now.
-        clear: which of them the arm can carry out without collision, see `optsc.collision.GraspClearance`.
+        clear: which of them the arm can execute without collision, see `optsc.collision.GraspClearance`.
     """
 
     candidates: Candidates
@@ -82,7 +82,7 @@ class Run:
     Attributes:
         rate: control rate [Hz].
         ticks: the ticks.
-        about: robot, start posture and whatever else the caller wants to keep; JSON values only.
+        about: robot, start configuration and whatever else the caller wants to keep; JSON values only.
         updates: what the controller was told of the scene during the run, by the index of the tick before which it was.
     """
 

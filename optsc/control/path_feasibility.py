@@ -131,18 +131,20 @@ def which_can_travel(
 
     All paths begin at the pose ``start``; ``waypoints`` has for each leg the poses (N,) at its end.
     """
-    gone = np.ones(len(waypoints[0]), dtype=bool)
-    postures = np.repeat(np.asarray(q, dtype=float)[None], len(gone), axis=0)
-    begin = Pose(np.tile(start.quaternion, (len(gone), 1)), np.tile(start.translation, (len(gone), 1)))
+    completed = np.ones(len(waypoints[0]), dtype=bool)
+    configurations = np.repeat(np.asarray(q, dtype=float)[None], len(completed), axis=0)
+    begin = Pose(
+        np.tile(start.quaternion, (len(completed), 1)), np.tile(start.translation, (len(completed), 1))
+    )
     for here, there in pairwise([begin, *waypoints]):
-        rows = np.flatnonzero(gone)
+        rows = np.flatnonzero(completed)
         rollout = straight_line_rollout(
             robot,
-            postures[rows],
+            configurations[rows],
             here[rows],
             there[rows],
             speed=settings.speed,
             angular_speed=settings.angular_speed,
         )
-        gone[rows], postures[rows] = rollout.completed, rollout.q
-    return gone
+        completed[rows], configurations[rows] = rollout.completed, rollout.q
+    return completed

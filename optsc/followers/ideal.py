@@ -14,10 +14,10 @@ from optsc.robot import RobotModel
 
 
 class IdealFollower:
-    """A `Follower` whose joints are where they were told to be. Its objects never move.
+    """A `Follower` whose joints are where they are commanded to be. Its objects never move.
 
     Args:
-        robot: the arm; it starts at its home posture.
+        robot: the arm; it starts at its home configuration.
         objects: poses X_WO by name that `objects` reports.
         jaw_speed: rate of the opening [m/s].
 
