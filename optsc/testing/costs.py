@@ -231,7 +231,7 @@ def random_hand(rng: np.random.Generator) -> Pose:
 def random_table(
     rng: np.random.Generator, candidates: Candidates, reached: float, columns: frozenset[str]
 ) -> ReachTable:
-    """Return a table with random configurations, manipulabilities and columns; a row is reached with that probability."""
+    """Return a table of random configurations and columns; ``reached`` is the share of reached rows."""
     stored = candidates.X_WG
     poses = [stored, stored @ HALF_TURN] if candidates.jaw_symmetric else [stored]
     q, p = (np.stack([getattr(X, name) for X in poses], axis=1) for name in ("quaternion", "translation"))
