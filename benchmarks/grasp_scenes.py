@@ -59,9 +59,7 @@ def procedural_object(number: int, rng: np.random.Generator) -> ObjectModel | No
     low, high = placed.min(axis=0), placed.max(axis=0)
     X = Pose.from_translation(-np.array([*(0.5 * (low + high))[:2], low[2]])) @ X
     moved = tuple(TriangleMesh(X.apply(part.vertices), part.faces) for part in parts)
-    return ObjectModel(
-        raw.name, TriangleMesh(X.apply(raw.mesh.vertices), raw.mesh.faces), moved, MASS, FRICTION
-    )
+    return ObjectModel(raw.name, TriangleMesh(X.apply(raw.mesh.vertices), raw.mesh.faces), moved, MASS, FRICTION)
 
 
 def _solid(groups: Iterable[Array]) -> Iterator[TriangleMesh]:

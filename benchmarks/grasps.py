@@ -118,9 +118,7 @@ def filters(options: argparse.Namespace, robot: RobotModel) -> tuple[dict[str, A
     numbers: dict[str, list[int]] = defaultdict(list)
     for name in OBJECT_NAMES:
         model = object_model(name)
-        for source, grasps, tally, X_OU, _ in sources(
-            model, single_view(robot, model, options.seed), options.seed
-        ):
+        for source, grasps, tally, X_OU, _ in sources(model, single_view(robot, model, options.seed), options.seed):
             numbers[source].append(len(grasps))
             samples = []
             for label, check in STAGES:
@@ -144,9 +142,7 @@ def filters(options: argparse.Namespace, robot: RobotModel) -> tuple[dict[str, A
     facts = {
         "stages": {f"{source} | {label}": dict(c) for (source, label), c in counts.items()},
         "poses_left": {f"{source} | {label}": n for (source, label), n in left.items()},
-        "grasps_per_object": {
-            source: dict(zip(OBJECT_NAMES, n, strict=False)) for source, n in numbers.items()
-        },
+        "grasps_per_object": {source: dict(zip(OBJECT_NAMES, n, strict=False)) for source, n in numbers.items()},
     }
     return facts, markdown_table(header, rows)
 
@@ -173,9 +169,7 @@ def unknown(options: argparse.Namespace, robot: RobotModel) -> tuple[dict[str, A
             continue
         cloud, eye, X_WU = view.raw()
         start = perf_counter()
-        grasps = detect_grasps(
-            cloud, PANDA_HAND, name=model.name, seed=options.seed, support=0.0, viewpoint=eye
-        )
+        grasps = detect_grasps(cloud, PANDA_HAND, name=model.name, seed=options.seed, support=0.0, viewpoint=eye)
         facts["seconds"], facts["grasps"] = round(perf_counter() - start, 2), len(grasps)
         if len(grasps) == 0:
             facts["why"] = grasps.provenance["reason"]
@@ -232,9 +226,7 @@ def timing(options: argparse.Namespace, robot: RobotModel) -> tuple[dict[str, An
 
 def _built(row: dict[str, Any]) -> str:
     words = f"{row['grasps']} in {row['seconds']:.2f} s (processor {row['cpu_s']:.2f} s)"
-    return (
-        words if "held" not in row else f"{words}; {row['held']} hold; tried in {row['trial_seconds']:.1f} s"
-    )
+    return words if "held" not in row else f"{words}; {row['held']} hold; tried in {row['trial_seconds']:.1f} s"
 
 
 PARTS = {"filters": filters, "unknown": unknown, "time": timing}
@@ -242,15 +234,11 @@ PARTS = {"filters": filters, "unknown": unknown, "time": timing}
 
 def main() -> None:
     """Run one part of the benchmark."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=PARTS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument(
-        "--per-filter", type=int, default=25, help="poses tried per object, source and filter"
-    )
+    parser.add_argument("--per-filter", type=int, default=25, help="poses tried per object, source and filter")
     parser.add_argument("--objects", type=int, default=50, help="how many unknown objects, at most 1000")
     parser.add_argument("--per-object", type=int, default=10, help="grasps tried per unknown object")
     parser.add_argument("--names", nargs="+", default=OBJECT_NAMES, choices=OBJECT_NAMES, help="to be timed")

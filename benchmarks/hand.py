@@ -111,9 +111,7 @@ def drive(servo: Servo, hand: HandRecording, first: int, plan: Plan) -> Drive:
     settings, state, targets, commands = plan.clutch, None, [], []
     for k, stamp in enumerate(stamps):
         sample = Hand(tuple(p_SH[first + k]), tuple(q_SH[first + k]), servo.time)
-        state = (
-            engage(settings, sample, *servo.reference) if state is None else follow(settings, state, sample)
-        )
+        state = engage(settings, sample, *servo.reference) if state is None else follow(settings, state, sample)
         servo.observe(state.tool_p, state.tool_q, servo.time)
         targets.append((*state.tool_q, *state.tool_p))
         until = stamp + (stamps[1] - stamps[0]) if k + 1 == len(stamps) else stamps[k + 1]
@@ -314,9 +312,7 @@ def sweep(o: argparse.Namespace, plan: Plan) -> tuple[dict[str, Any], str]:
     for bandwidth in SWEEP["bandwidth"]:
         for lag in SWEEP["lag"]:
             for memory in SWEEP["memory"]:
-                settings = ServoSettings(
-                    bandwidth=bandwidth, lag=lag, prediction=PredictionSettings(memory=memory)
-                )
+                settings = ServoSettings(bandwidth=bandwidth, lag=lag, prediction=PredictionSettings(memory=memory))
                 make = lambda r, f, s=settings: Servo(r, f, s)  # noqa: E731
                 found = summary_of(run(make, robot, rate, plan))
                 points.append({"bandwidth": bandwidth, "lag set": lag, "memory": memory, **found})
@@ -324,9 +320,7 @@ def sweep(o: argparse.Namespace, plan: Plan) -> tuple[dict[str, Any], str]:
     print(file=sys.stderr)
     points.sort(key=lambda p: p["lag"])
     label = f"{robot.name}, {rate:.0f} Hz, scale {plan.scale}"
-    rows = [
-        row_of(f"{p['bandwidth']:.0f} rad/s, {p['lag set']} s, memory {p['memory']} s", p) for p in points
-    ]
+    rows = [row_of(f"{p['bandwidth']:.0f} rad/s, {p['lag set']} s, memory {p['memory']} s", p) for p in points]
     if o.output is not None:
         picture(points, label, o.output)
     return {"what": label, "points": points}, f"{label}\n\n{markdown_table(HEADER, rows)}"

@@ -108,9 +108,7 @@ def run_in_turns(contenders: list[Any], poses: list[Pose], warm: Pose) -> dict[s
         turn = (i // BLOCK) % len(contenders)
         for contender in contenders[turn:] + contenders[:turn]:
             found[contender.name] += [contender.solve(X) for X in poses[i : i + BLOCK]]
-    return {
-        name: Answer(*(np.array(part) for part in zip(*rows, strict=True))) for name, rows in found.items()
-    }
+    return {name: Answer(*(np.array(part) for part in zip(*rows, strict=True))) for name, rows in found.items()}
 
 
 def solved(robot: RobotModel, X_WT: Pose, answer: Answer, slack: float = 0.0) -> np.ndarray:
@@ -245,11 +243,7 @@ def table(results: list[dict[str, Any]]) -> str:
         "mean / TRAC-IK's (95 %)",
     ]
     ours, theirs = "solved by optsc alone", "solved by TRAC-IK alone"
-    only = [
-        f"{r['robot']}: {r[ours]} poses only by optsc, {r[theirs]} only by TRAC-IK"
-        for r in results
-        if ours in r
-    ]
+    only = [f"{r['robot']}: {r[ours]} poses only by optsc, {r[theirs]} only by TRAC-IK" for r in results if ours in r]
     missing = [r["missing"] for r in results[:1] if r["missing"]]
     claims = [
         f"{r['robot']} {r['TRAC-IK']['claimed']} of {r['count']}, of which {r['TRAC-IK']['solved']} are"
@@ -262,9 +256,7 @@ def table(results: list[dict[str, Any]]) -> str:
             "busy machine it runs out of it, so judge success by a run on a quiet one."
         )
     note = f"Published: {PUBLISHED_SOURCE}; it has no xArm7."
-    return "\n\n".join(
-        [markdown_table(head, rows), *(["; ".join(only) + "."] if only else []), *missing, note]
-    )
+    return "\n\n".join([markdown_table(head, rows), *(["; ".join(only) + "."] if only else []), *missing, note])
 
 
 def main() -> None:
@@ -284,9 +276,7 @@ def main() -> None:
         print(f"{name}: {options.count} poses", flush=True)
         results.append(measure(name, options.count, options.seed))
     names = " ".join(options.robots)
-    command = (
-        f"python -m benchmarks.ik_success --robots {names} --count {options.count} --seed {options.seed}"
-    )
+    command = f"python -m benchmarks.ik_success --robots {names} --count {options.count} --seed {options.seed}"
     facts = {"results": results, "published": PUBLISHED, "published by": PUBLISHED_SOURCE}
     save(options.output, "ik_success", facts, table(results), command)
     if options.output is not None:

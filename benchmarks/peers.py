@@ -92,16 +92,12 @@ class PinkPeer:
         from pink.barriers import PositionBarrier
         from pink.limits import AccelerationLimit, ConfigurationLimit, VelocityLimit
 
-        self.name = (
-            "Pink, position + velocity + acceleration" if accelerations else "Pink, position + velocity"
-        )
+        self.name = "Pink, position + velocity + acceleration" if accelerations else "Pink, position + velocity"
         self.period = 1.0 / rate
         self._pink, self._pin = pink, pinocchio
         self.model = pinocchio.buildModelFromXML(arm_only(robot))
         self._limits = [ConfigurationLimit(self.model), VelocityLimit(self.model)]
-        self._acceleration = (
-            AccelerationLimit(self.model, robot.limits.acceleration) if accelerations else None
-        )
+        self._acceleration = AccelerationLimit(self.model, robot.limits.acceleration) if accelerations else None
         if self._acceleration is not None:
             self._limits.append(self._acceleration)
         self._barriers = []

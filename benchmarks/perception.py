@@ -132,10 +132,7 @@ def one_scene(
         pieces = true_segments(view.view)
     found = register_scene(pieces, templates, image, robot_depth=arm, settings=settings, seed=seed)
     seconds = time.perf_counter() - start[0], time.process_time() - start[1]
-    rows = [
-        described(shown(view.view, r.segment), seed, view, r.registration, len(r.segment.cloud))
-        for r in found
-    ]
+    rows = [described(shown(view.view, r.segment), seed, view, r.registration, len(r.segment.cloud)) for r in found]
     largest: dict[str, tuple[int, RegisteredSegment]] = {}
     for row, one in zip(rows, found, strict=True):
         count = int((one.segment.pixels & view.view.pixels_of(row["object"])).sum())
@@ -143,11 +140,7 @@ def one_scene(
             largest[row["object"]] = (count, one)
     objects = []
     for name in view.visible:
-        result = (
-            largest[name][1].registration
-            if name in largest
-            else Registration.refused("no segment of its own")
-        )
+        result = largest[name][1].registration if name in largest else Registration.refused("no segment of its own")
         objects.append(described(name, seed, view, result, largest[name][0] if name in largest else 0))
     unknown = []
     for name, (_, one) in largest.items():
@@ -290,21 +283,13 @@ def _failure(row: dict[str, Any]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0, help="of the first scene")
     parser.add_argument("--robot", default="panda")
-    parser.add_argument(
-        "--objects", nargs="+", help="these in every scene, and no other templates; all by default"
-    )
-    parser.add_argument(
-        "--segments", choices=("found", "true"), default="found", help="true: as the labels have them"
-    )
-    parser.add_argument(
-        "--method", default=SearchSettings().method, help="of the refinement: gicp, plane or field"
-    )
+    parser.add_argument("--objects", nargs="+", help="these in every scene, and no other templates; all by default")
+    parser.add_argument("--segments", choices=("found", "true"), default="found", help="true: as the labels have them")
+    parser.add_argument("--method", default=SearchSettings().method, help="of the refinement: gicp, plane or field")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--output", type=Path)
     given = parser.parse_args(arguments)

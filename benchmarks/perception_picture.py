@@ -98,9 +98,7 @@ def overview(axes: Any, view: SceneView, found: tuple[RegisteredSegment, ...]) -
         doubt = f", {1 + len(result.alternatives)} poses" if result.ambiguous else ""
         note = f"{result.template}{doubt}\n{100 * result.visible_fraction:.0f} % seen"
         box = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0}
-        axes.text(
-            columns.mean(), rows.max() + 6, note, ha="center", va="top", fontsize=8, color=colour, bbox=box
-        )
+        axes.text(columns.mean(), rows.max() + 6, note, ha="center", va="top", fontsize=8, color=colour, bbox=box)
     rows, columns = np.nonzero(np.any([one.segment.pixels for one in found], axis=0))
     axes.set_xlim(columns.min() - 50, columns.max() + 50)
     axes.set_ylim(rows.max() + 50, rows.min() - 40)
@@ -115,9 +113,7 @@ def compensated(axes: Any, view: SceneView, one: RegisteredSegment, arm: np.ndar
     if X_WO is None:
         return
     others = [other.X_WO for other in result.alternatives if other.template == template.name]
-    cloud = complete_cloud(
-        one.segment.cloud, template, X_WO, image=image, robot_depth=arm, alternatives=others
-    )
+    cloud = complete_cloud(one.segment.cloud, template, X_WO, image=image, robot_depth=arm, alternatives=others)
     points = 1e3 * X_WO.apply(cloud.points)
     mask = cloud.seen_mask
     axes.scatter(*points[mask][::3].T, s=1.0, color=SEEN, depthshade=False)
@@ -130,9 +126,7 @@ def compensated(axes: Any, view: SceneView, one: RegisteredSegment, arm: np.ndar
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--robot", default="panda")
     parser.add_argument("--output", type=Path, required=True)

@@ -115,9 +115,7 @@ def stream(robot: RobotModel, case: Case, rate: float, seconds: float, tremor: b
     return samples
 
 
-def arms_for(
-    robot: RobotModel, rate: float, surface: Surface | None
-) -> tuple[dict[str, Callable[[], Arm]], list[str]]:
+def arms_for(robot: RobotModel, rate: float, surface: Surface | None) -> tuple[dict[str, Callable[[], Arm]], list[str]]:
     """Return what follows, by name, made again for each case; and what is not installed here."""
 
     def servo() -> Arm:
@@ -158,8 +156,7 @@ def pressed(arm: Arm, samples: list[Pose | None], robot: RobotModel, rate: float
         "sign changes per second, worst joint": changes / (len(signs) / rate),
         "rms jerk, worst joint [%]": 100.0 * float(np.sqrt(np.mean(late**2, axis=0)).max()),
         "greatest jerk of the whole run [%]": 100.0 * float(np.abs(jerk).max()),
-        "greatest speed in the last half [%]": 100.0
-        * float((np.abs(v[len(v) // 2 :]) / robot.limits.velocity).max()),
+        "greatest speed in the last half [%]": 100.0 * float((np.abs(v[len(v) // 2 :]) / robot.limits.velocity).max()),
     }
 
 

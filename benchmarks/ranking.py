@@ -131,9 +131,7 @@ def timed(call: Callable[[], Any]) -> tuple[float, Any]:
     return perf_counter() - start, result
 
 
-def reach_part(
-    robot: RobotModel, candidates: Candidates, clear: Clear, rounds: int
-) -> tuple[list[dict], list[str]]:
+def reach_part(robot: RobotModel, candidates: Candidates, clear: Clear, rounds: int) -> tuple[list[dict], list[str]]:
     """Return the times of the table, with twins and without, and what was left out."""
     results, missing = [], []
     peer = None
@@ -275,9 +273,7 @@ def reach_table_text(results: list[dict[str, Any]]) -> str:
             ratio = "" if base is None else f"{np.median(seconds) / base:.3f}"
             label = name if name == "TRAC-IK" else f"optsc, {name}"
             counts = [str(result["rows"]), str(result["solved"][name])]
-            rows.append(
-                ["on" if result["twins"] else "off", label, *counts, f"{1e3 * np.median(seconds):.1f}", ratio]
-            )
+            rows.append(["on" if result["twins"] else "off", label, *counts, f"{1e3 * np.median(seconds):.1f}", ratio])
     return markdown_table(["twins", "", "rows", "with configurations", "median [ms]", "of TRAC-IK's"], rows)
 
 
@@ -292,9 +288,7 @@ def rank_text(times: dict[str, list[float]]) -> str:
 
 def growth_text(growth: list[dict[str, Any]]) -> str:
     head = list(growth[0])
-    return markdown_table(
-        head, [[str(row[head[0]]), *(f"{row[name]:.1f}" for name in head[1:])] for row in growth]
-    )
+    return markdown_table(head, [[str(row[head[0]]), *(f"{row[name]:.1f}" for name in head[1:])] for row in growth])
 
 
 def parsed() -> argparse.Namespace:
@@ -335,9 +329,7 @@ def main() -> None:
     growth = growth_part(robot, candidates, clear, options.largest, path, options.seed)
     costs, others = all_costs()
     names = ", ".join(cost.name for cost in costs)
-    notes = [
-        f"{robot.name}, {len(candidates)} candidates of {', '.join(options.objects)}. All costs: {names}."
-    ]
+    notes = [f"{robot.name}, {len(candidates)} candidates of {', '.join(options.objects)}. All costs: {names}."]
     notes += [f"Not among them, for want of arguments: {', '.join(others)}."] if others else []
     text = "\n\n".join([*notes, reach_table_text(results), rank_text(times), growth_text(growth), *missing])
     command = f"python -m benchmarks.ranking --robot {options.robot} --seed {options.seed} --rounds {options.rounds}"

@@ -32,9 +32,7 @@ def one_scene(job):
 
     robot, objects, seed, output, perception = job
     begun = time.process_time()
-    demo = run_demo(
-        load_robot(robot), objects=objects, seed=seed, say=lambda text: None, perception=perception
-    )
+    demo = run_demo(load_robot(robot), objects=objects, seed=seed, say=lambda text: None, perception=perception)
     return {**save(demo, output / f"seed_{seed}"), "cpu_s": time.process_time() - begun}
 
 
@@ -44,7 +42,7 @@ def seen(summaries):
     objects = [found for one in facts for found in one["objects"].values()]
     known = [row for found in objects for row in found if row["add_s_m"] is not None]
     errors = np.array([row["add_s_m"] for row in known])
-    news = [event["news"] for one in facts for event in one["events"]]
+    kinds = [event["news"] for one in facts for event in one["events"]]
     return {
         "objects": len(objects),
         "recognised": sum(any(row["add_s_m"] is not None for row in found) for found in objects),
@@ -54,13 +52,12 @@ def seen(summaries):
         "add_s_mm_median_p95_max": (1e3 * np.percentile(errors, [50, 95, 100])).tolist(),
         "within_5_mm": float(np.mean(errors < 0.005)),
         "candidates_least_median": [
-            float(f([sum(row["candidates"] for row in found) for found in objects]))
-            for f in (np.min, np.median)
+            float(f([sum(row["candidates"] for row in found) for found in objects])) for f in (np.min, np.median)
         ],
         "first_look_s": float(np.median([one["first_look_s"] for one in facts])),
         "look_p50_s": float(np.median([one["look_p50_s"] for one in facts])),
         "looks": sum(one["looks"] for one in facts),
-        "events": {name: news.count(name) for name in sorted(set(news))},
+        "events": {name: kinds.count(name) for name in sorted(set(kinds))},
     }
 
 
@@ -104,9 +101,7 @@ def paired(summaries):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", default="panda")
     parser.add_argument("--objects", nargs="+", default=["mug", "can", "box"])
     parser.add_argument("--seeds", type=int, default=20)
@@ -117,17 +112,13 @@ def main():
     parser.add_argument("--against", type=Path, metavar="REPORT", help="of known poses, to name the loss")
     options = parser.parse_args()
     jobs = [
-        (options.robot, tuple(options.objects), seed, options.runs, options.perception)
-        for seed in range(options.seeds)
+        (options.robot, tuple(options.objects), seed, options.runs, options.perception) for seed in range(options.seeds)
     ]
     summaries = []
     with ProcessPoolExecutor(options.workers) as pool:
         for summary in pool.map(one_scene, jobs):
             summaries.append(summary)
-            lifts = {
-                s: [row[s]["lifted"] for row in summary["objects"].values()]
-                for s in ("paper", "manipulability")
-            }
+            lifts = {s: [row[s]["lifted"] for row in summary["objects"].values()] for s in ("paper", "manipulability")}
             candidates = {name: row["candidates"] for name, row in summary["objects"].items()}
             print(f"seed {summary['seed']}: lifted {lifts}, grasps {candidates}", flush=True)
     rows = [row for summary in summaries for row in summary["objects"].values()]
@@ -136,9 +127,7 @@ def main():
         "seeds": options.seeds,
         "machine": platform.platform(),
         "versions": {name: version(name) for name in ("numpy", "pin", "ruckig", "pybullet")},
-        "lifted_share": {
-            s: float(np.mean([row[s]["lifted"] for row in rows])) for s in ("paper", "manipulability")
-        },
+        "lifted_share": {s: float(np.mean([row[s]["lifted"] for row in rows])) for s in ("paper", "manipulability")},
         "grasps": len(rows),
         "least_candidates": min(row["candidates"] for row in rows),
         "limit_violations": sum(sum(summary["limit_violations"].values()) for summary in summaries),

@@ -115,14 +115,10 @@ def report(found: list[Found], clocks: dict[str, Clock]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=50)
     parser.add_argument("--robot", default="panda")
-    parser.add_argument(
-        "--width", type=int, nargs="+", default=[640, 320], help="of the images; the first is judged"
-    )
+    parser.add_argument("--width", type=int, nargs="+", default=[640, 320], help="of the images; the first is judged")
     parser.add_argument("--output", type=Path)
     parser.add_argument("--picture", type=Path, help="where to write a picture of one scene")
     parser.add_argument("--pictured", type=int, default=1042, help="its seed")
@@ -143,9 +139,7 @@ def main(arguments: list[str] | None = None) -> int:
     found = overlaps[first]
     text = f"{options.scenes} scenes, judged at {first} pixels.\n\n{report(found, clocks)}"
     for name in list(cameras)[1:]:
-        text += (
-            f"\n\nAt {name} pixels the mean overlap is {np.mean([f.overlap for f in overlaps[name]]):.3f}."
-        )
+        text += f"\n\nAt {name} pixels the mean overlap is {np.mean([f.overlap for f in overlaps[name]]):.3f}."
     facts: dict[str, Any] = {
         "found": {name: [f._asdict() for f in rows] for name, rows in overlaps.items()},
         "milliseconds": {name: clock.steps for name, clock in clocks.items()},

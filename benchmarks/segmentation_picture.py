@@ -20,9 +20,7 @@ _PREDICTED = "#d1495b"
 _SEGMENT_COLOURS = "tab10"
 
 
-def segmentation_figure(
-    view: CameraView, segments: Sequence[Segment], arm: np.ndarray, predicted: np.ndarray
-) -> Any:
+def segmentation_figure(view: CameraView, segments: Sequence[Segment], arm: np.ndarray, predicted: np.ndarray) -> Any:
     """Return a figure of three images: measured depth, the truth, and the segments.
 
     Args:

@@ -189,9 +189,7 @@ def table_of(tallies: dict[tuple[str, str], Tally]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=10)
     parser.add_argument("--poses", type=int, default=5, help="poses of the hand in each scene")
     parser.add_argument("--seconds", type=float, default=4.0, help="length of each run [s]")

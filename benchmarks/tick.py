@@ -152,9 +152,7 @@ class PlacoContender:
 def avoidance_of(robot: RobotModel) -> CollisionAvoidance:
     """Avoid the arm itself, the table and the three objects of a scene."""
     world = tabletop(robot, seed=0)
-    return CollisionAvoidance(
-        robot, {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()}
-    )
+    return CollisionAvoidance(robot, {name: (model.parts, world.X_WO[name]) for name, model in world.objects.items()})
 
 
 def contenders_for(robot: RobotModel, rate: float, placo: str | None) -> tuple[list[Any], list[str]]:
@@ -177,9 +175,7 @@ def contenders_for(robot: RobotModel, rate: float, placo: str | None) -> tuple[l
     return made, missing
 
 
-def measure(
-    robot: RobotModel, rate: float, sample_rate: float, seconds: float, placo: str | None
-) -> dict[str, Any]:
+def measure(robot: RobotModel, rate: float, sample_rate: float, seconds: float, placo: str | None) -> dict[str, Any]:
     """Return the times of all contenders on one arm."""
     count = max(BLOCK, round(seconds * rate))
     samples = samples_of(robot, rate, sample_rate, count)

@@ -9,9 +9,7 @@ rng = np.random.default_rng(0)
 poses = robot.forward(robot.random_configuration(rng, (1000,)))
 
 solutions = optsc.solve_ik(robot, poses, rng=rng)
-print(
-    f"{solutions.success.mean():.1%} solved, largest residual {solutions.residual[solutions.success].max():.1e}"
-)
+print(f"{solutions.success.mean():.1%} solved, largest residual {solutions.residual[solutions.success].max():.1e}")
 
 manipulability = optsc.Manipulability()  # Yoshikawa's index times the penalty of joint limits
 values = manipulability.evaluate(robot, solutions.q)

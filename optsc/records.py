@@ -137,17 +137,13 @@ class Run:
 
     def save(self, path: str | Path) -> None:
         """Write inputs and commands to one ``.npz`` file, from which `load_inputs` reads them back."""
-        measured = np.array(
-            [[*t.measured.q, *t.measured.v, t.measured.opening, t.measured.time] for t in self.ticks]
-        )
+        measured = np.array([[*t.measured.q, *t.measured.v, t.measured.opening, t.measured.time] for t in self.ticks])
         arrays = {
             "samples": np.array([_sample_row(tick.sample) for tick in self.ticks]),
             "measured": measured,
             "commands": self.commands,
             "modes": np.array([mode.value for mode in self.modes]),
-            "about": np.array(
-                json.dumps({"format": FORMAT, "rate": self.rate, **self.about}, sort_keys=True)
-            ),
+            "about": np.array(json.dumps({"format": FORMAT, "rate": self.rate, **self.about}, sort_keys=True)),
         }
         with open(path, "wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -206,9 +202,7 @@ def _sample(row: Array) -> OperatorSample | None:
         return None
     X_SH, clutch, trigger = Pose(row[4:8], row[1:4]), bool(row[8]), bool(row[9])
     # In the first version of the format a row ends here.
-    buttons = frozenset(
-        button for button, held in zip(_BUTTONS, row[len(_POSE_COLUMNS) :], strict=False) if held
-    )
+    buttons = frozenset(button for button, held in zip(_BUTTONS, row[len(_POSE_COLUMNS) :], strict=False) if held)
     nudged = len(row) > _NUDGE and row[_NUDGE]
     nudge = tuple(row[_NUDGE + 1 :].tolist()) if nudged else None
     return OperatorSample(float(row[0]), X_SH, clutch, trigger, buttons, nudge)

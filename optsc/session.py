@@ -44,18 +44,14 @@ class Display:
             self._placed, self._grasps = (choice.ranking, choice.goals), self._controller.shown
         return self._grasps
 
-    def view(
-        self, step: ControlStep | None, measured: FollowerState, objects: Mapping[str, Pose]
-    ) -> OperatorView:
+    def view(self, step: ControlStep | None, measured: FollowerState, objects: Mapping[str, Pose]) -> OperatorView:
         """Return what there is to see after ``step``, the last one; None before the first."""
         controller = self._controller
         automatic = step is not None and step.mode.automatic
         goes_for = step.target if step is not None and automatic else None
         target = None if goes_for is None else _seen_target(goes_for, objects)
         X_WT = controller.robot.forward(measured.q)
-        return OperatorView(
-            controller.time, X_WT, automatic, controller.finished, objects, self.grasps(), target
-        )
+        return OperatorView(controller.time, X_WT, automatic, controller.finished, objects, self.grasps(), target)
 
 
 def _seen_target(target: Target, objects: Mapping[str, Pose]) -> str:

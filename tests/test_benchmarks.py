@@ -83,9 +83,7 @@ def test_segments_are_judged_by_labels(tmp_path):
     run("segmentation", tmp_path, "--scenes", "1")
 
 
-@pytest.mark.parametrize(
-    "module", ["hand", "tick", "press", "stability", "segmentation", "perception", "grasps"]
-)
+@pytest.mark.parametrize("module", ["hand", "tick", "press", "stability", "segmentation", "perception", "grasps"])
 def test_every_benchmark_says_how_it_is_used(module):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", f"benchmarks.{module}", "--help"]

@@ -17,7 +17,4 @@ def test_a_file_with_other_arrays_is_not_taken(tmp_path, monkeypatch):
 def test_the_key_does_not_depend_on_the_layout_of_an_array():
     a = np.arange(6.0).reshape(2, 3)
     assert content_key(a) == content_key(np.asfortranarray(a)) == content_key(a.astype(">f8"))
-    assert (
-        len({content_key(a), content_key(a.T), content_key(a.astype(int)), content_key(a, 1), content_key(1)})
-        == 5
-    )
+    assert len({content_key(a), content_key(a.T), content_key(a.astype(int)), content_key(a, 1), content_key(1)}) == 5

@@ -172,9 +172,7 @@ def test_the_range_is_said_in_words(name, value, valid):
 
 
 def test_an_unknown_name_of_a_kind_says_which_there_are_and_which_was_meant():
-    with pytest.raises(
-        UnknownName, match=r"no solver named 'dapq'; there are: daqp, proxqp \(did you mean 'daqp'\?\)"
-    ):
+    with pytest.raises(UnknownName, match=r"no solver named 'dapq'; there are: daqp, proxqp \(did you mean 'daqp'\?\)"):
         Every(solver="dapq")
     with pytest.raises(UnknownName) as caught:
         Every(solver="zzz")
@@ -377,10 +375,7 @@ def test_the_defaults_of_every_class_are_valid_and_every_number_knows_its_range(
         if required:
             continue
         settings = kind()
-        assert (
-            from_mapping(kind, {f.name: getattr(settings, f.name) for f in fields(kind) if f.init})
-            == settings
-        )
+        assert from_mapping(kind, {f.name: getattr(settings, f.name) for f in fields(kind) if f.init}) == settings
         for one in fields(kind):
             if one.init and isinstance(one.default, float):
                 with pytest.raises(InvalidValue):

@@ -28,9 +28,7 @@ HASHED = {"key"}
 @pytest.mark.parametrize("name", ["alternating", "hindsight"])
 def test_a_recorded_run_gives_the_same_commands(name):
     inputs = load_inputs(KEPT / f"run_{name}.npz")
-    again = replay(
-        controller(load_robot("panda"), make_policy(inputs.about["policy"])), inputs, candidates=scene()
-    )
+    again = replay(controller(load_robot("panda"), make_policy(inputs.about["policy"])), inputs, candidates=scene())
     np.testing.assert_allclose(again.commands, inputs.commands, rtol=0.0, atol=1e-9)
 
 

@@ -69,10 +69,7 @@ def test_a_file_of_the_first_format_is_read(tmp_path):
     np.savez(tmp_path / "old.npz", **arrays)
     samples = load_inputs(tmp_path / "old.npz").samples
     assert all(sample.buttons == frozenset() and sample.nudge is None for sample in samples)
-    assert (
-        optsc.replay(controller(), load_inputs(tmp_path / "old.npz")).commands.tobytes()
-        == run.commands.tobytes()
-    )
+    assert optsc.replay(controller(), load_inputs(tmp_path / "old.npz")).commands.tobytes() == run.commands.tobytes()
 
 
 def test_files_that_are_no_runs_are_refused(tmp_path):

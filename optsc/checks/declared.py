@@ -155,9 +155,7 @@ def _built(value: Any, hint: Any) -> Any:
         return value
     if origin is tuple and isinstance(value, list):
         kinds = arguments[:1] * len(value) if Ellipsis in arguments else arguments
-        return tuple(_built(x, kind) for x, kind in zip(value, kinds, strict=False)) + tuple(
-            value[len(kinds) :]
-        )
+        return tuple(_built(x, kind) for x, kind in zip(value, kinds, strict=False)) + tuple(value[len(kinds) :])
     if isinstance(hint, type) and is_dataclass(hint) and not isinstance(value, hint):
         return from_mapping(hint, value)
     return value

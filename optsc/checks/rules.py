@@ -187,9 +187,7 @@ class ArrayOf(Rule):
         return self._shape_words({})
 
     def _shape_words(self, sizes: Mapping[str, int]) -> str:
-        known = [
-            str(sizes.get(n, n) if isinstance(n, str) else "any" if n is None else n) for n in self.shape
-        ]
+        known = [str(sizes.get(n, n) if isinstance(n, str) else "any" if n is None else n) for n in self.shape]
         rows = f", at least {self.least} rows" if self.least else ""
         return f"shape ({', '.join(known)}{',' if len(known) == 1 else ''}){rows}"
 

@@ -29,12 +29,8 @@ def add_parser(subparsers: Any) -> None:
     soak.add_argument("--ticks", type=int, default=1_000_000, help="how many at least (default 1000000)")
     add_seed(soak, "everything random")
     soak.add_argument("--robots", nargs="+", metavar="NAME", help="arms to draw from (default: all)")
-    soak.add_argument(
-        "--streams", nargs="+", metavar="NAME", help="kinds of input to draw from (default: all)"
-    )
-    soak.add_argument(
-        "--episode", type=int, metavar="N", help="run this one episode of the soak again, alone"
-    )
+    soak.add_argument("--streams", nargs="+", metavar="NAME", help="kinds of input to draw from (default: all)")
+    soak.add_argument("--episode", type=int, metavar="N", help="run this one episode of the soak again, alone")
     add_output(soak, None, "where summary.json goes")
     soak.set_defaults(run=_soak)
 

@@ -15,9 +15,7 @@ PEOPLE = "typical, patient, hasty, biased; in study arbitration also mind-changi
 """`optsc.people.TYPES` in words, so that showing the help loads nothing."""
 
 
-def add_case_options(
-    parser: Any, *, robots: list[str], scenes: int, output: str, longest: float = 30.0
-) -> None:
+def add_case_options(parser: Any, *, robots: list[str], scenes: int, output: str, longest: float = 30.0) -> None:
     """Add what every study asks: arms, scenes, people, follower, workers, output."""
     arms = ", ".join(robots)
     parser.add_argument("--robots", nargs="+", default=robots, metavar="NAME", help=f"arms (default {arms})")
@@ -30,9 +28,7 @@ def add_case_options(
         metavar="KIND",
         help=f"kinds of simulated operators: {PEOPLE} (default typical)",
     )
-    parser.add_argument(
-        "--repetitions", type=int, default=1, help="people of each kind in a scene (default 1)"
-    )
+    parser.add_argument("--repetitions", type=int, default=1, help="people of each kind in a scene (default 1)")
     parser.add_argument(
         "--longest",
         type=float,

@@ -21,15 +21,11 @@ def add_parser(subparsers: Any) -> None:
         epilog="example: optsc demo --robot ur5 --seed 3 --output demo-output",
     )
     parser.add_argument("--robot", default="panda", help="panda (default), ur5, iiwa or xarm7")
-    parser.add_argument(
-        "--objects", nargs="+", default=list(DEFAULT_OBJECTS), metavar="NAME", help="what lies there"
-    )
+    parser.add_argument("--objects", nargs="+", default=list(DEFAULT_OBJECTS), metavar="NAME", help="what lies there")
     add_seed(parser, "the scene and the operator")
     parser.add_argument("--rate", type=float, default=500.0, help="control rate in Hz (default 500)")
     add_output(parser, "demo-output")
-    parser.add_argument(
-        "--library", type=Path, metavar="DIR", help="where grasps are kept (default: the user's cache)"
-    )
+    parser.add_argument("--library", type=Path, metavar="DIR", help="where grasps are kept (default: the user's cache)")
     parser.add_argument(
         "--perception",
         action="store_true",

@@ -41,18 +41,14 @@ def run(options: argparse.Namespace) -> int:
     from optsc.ik import solver_names
     from optsc.kernels.build import compiler
 
-    print(
-        f"optsc {optsc.__version__} on Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-    )
+    print(f"optsc {optsc.__version__} on Python {platform.python_version()}, {platform.system()} {platform.machine()}")
     for package in _PACKAGES:
         try:
             print(f"  {package:<12} {importlib.metadata.version(package)}")
         except importlib.metadata.PackageNotFoundError:
             print(f"  {package:<12} missing")
     command = compiler()
-    print(
-        f"compiler: {command or 'none: kernels run in the virtual machine of CasADi, some ten times slower'}"
-    )
+    print(f"compiler: {command or 'none: kernels run in the virtual machine of CasADi, some ten times slower'}")
     _print_kernels(options.robot)
     print(f"QP solvers: {', '.join(solver_names())}")
     display = os.environ.get("DISPLAY")

@@ -32,9 +32,7 @@ def add_build(actions: Any) -> None:
     source = build.add_mutually_exclusive_group()
     add_objects(source, "all that come along")
     source.add_argument("--mesh", type=Path, metavar="FILE", help="a surface: STL, OBJ, PLY")
-    source.add_argument(
-        "--image", type=Path, metavar="VIEW", help="a depth image: .npz, or .png with .json beside it"
-    )
+    source.add_argument("--image", type=Path, metavar="VIEW", help="a depth image: .npz, or .png with .json beside it")
     build.add_argument("--name", help="of the object of --mesh (default: the file's name)")
     add_unit(build, "mesh files")
     _add_view(build)
@@ -55,9 +53,7 @@ def add_unit(parser: Any, of: str) -> None:
 
 def add_replace(parser: Any) -> None:
     """Add ``--replace``."""
-    parser.add_argument(
-        "--replace", action="store_true", help="write over other grasps that are stored there"
-    )
+    parser.add_argument("--replace", action="store_true", help="write over other grasps that are stored there")
 
 
 def _add_view(build: Any) -> None:
@@ -73,9 +69,7 @@ def _add_view(build: Any) -> None:
         action="store_true",
         help="grasp what is not recognised by the points that were seen of it",
     )
-    view.add_argument(
-        "--table-height", type=float, metavar="M", help="in the frame W of the image (default 0)"
-    )
+    view.add_argument("--table-height", type=float, metavar="M", help="in the frame W of the image (default 0)")
     view.add_argument("--robot", help="the arm that is in the picture, at --posture; its base frame is W")
     view.add_argument("--posture", type=float, nargs="+", metavar="RAD", help="its joint angles")
 
@@ -93,9 +87,7 @@ def _check_together(options: argparse.Namespace) -> None:
     for source, names in _ONLY_WITH.items():
         for name in names:
             if getattr(options, source) is None and getattr(options, name) not in (None, False):
-                raise InvalidValue(
-                    f"--{name.replace('_', '-')}", getattr(options, name), f"only with --{source}"
-                )
+                raise InvalidValue(f"--{name.replace('_', '-')}", getattr(options, name), f"only with --{source}")
     if options.unit is not None and options.mesh is None and options.templates is None:
         raise InvalidValue("--unit", options.unit, "only with --mesh, or with files in --templates")
     if options.image is not None and not options.templates and not options.unknown:

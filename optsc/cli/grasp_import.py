@@ -74,9 +74,7 @@ def frame(words: Sequence[str]) -> Pose:
 def _say(grasps: GraspSet, mesh: TriangleMesh, options: argparse.Namespace, X_OF: Pose) -> None:
     size = " x ".join(f"{1e3 * side:.1f}" for side in mesh.extents)
     shift = ", ".join(f"{1e3 * step:.1f}" for step in X_OF.translation)
-    print(
-        f"{grasps.object_name}: {options.mesh}, {size} mm; grasps moved by ({shift}) mm to its base's centre"
-    )
+    print(f"{grasps.object_name}: {options.mesh}, {size} mm; grasps moved by ({shift}) mm to its base's centre")
     low, high = mesh.vertices.min(axis=0) - NEAR, mesh.vertices.max(axis=0) + NEAR
     p = grasps.X_OG.translation
     far = int((~np.all((p >= low) & (p <= high), axis=1)).sum())

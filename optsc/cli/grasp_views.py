@@ -59,15 +59,11 @@ def templates_of(words: Sequence[str], unit: float) -> tuple[Template, ...]:
             raise UnknownName("template (a name of the catalogue, or a mesh file)", word, OBJECT_NAMES)
     names = [template.name for template in found]
     if len(set(names)) < len(names):
-        raise InvalidValue(
-            "--templates", names, "each name once; a file is called by its name without ending"
-        )
+        raise InvalidValue("--templates", names, "each name once; a file is called by its name without ending")
     return tuple(found)
 
 
-def observation_of(
-    image: DepthImage, robot: str | None, q: Sequence[float] | None, table_height: float
-) -> Observation:
+def observation_of(image: DepthImage, robot: str | None, q: Sequence[float] | None, table_height: float) -> Observation:
     """Return what an image shows; the arm in it is left out where its name and configuration are given.
 
     Raises:
@@ -102,9 +98,7 @@ def _check_anything(observation: Observation) -> None:
     if not found.table.measured:
         where += f", and no plane is there{_level_plane(image)}"
     left_out = "; ".join(f"{dropped.pixels} pixels: {dropped.reason}" for dropped in found.dropped)
-    raise InvalidValue(
-        "number of objects", 0, f"at least one {where}{'; left out: ' if left_out else ''}{left_out}"
-    )
+    raise InvalidValue("number of objects", 0, f"at least one {where}{'; left out: ' if left_out else ''}{left_out}")
 
 
 def _level_plane(image: DepthImage) -> str:
@@ -115,9 +109,7 @@ def _level_plane(image: DepthImage) -> str:
     return f"; the image shows a level plane at {height:.3f} m (--table-height {height:.3f})"
 
 
-def _seen(
-    segment: Segment, estimate: ObjectEstimate, observation: Observation, wanted: Wanted
-) -> ObservedObject:
+def _seen(segment: Segment, estimate: ObjectEstimate, observation: Observation, wanted: Wanted) -> ObservedObject:
     name, template = estimate.known.name, estimate.template
     words, facts = _words(estimate.registration, segment), _facts(estimate.registration, segment)
     if not observation.shows_clearly(segment):
@@ -158,9 +150,7 @@ def _words(registration: Registration, segment: Segment) -> str:
     )
     if registration.ambiguous:
         others = sorted({other.template for other in registration.alternatives})
-        words += (
-            f"; ambiguous, {len(registration.alternatives)} other poses fit as well ({', '.join(others)})"
-        )
+        words += f"; ambiguous, {len(registration.alternatives)} other poses fit as well ({', '.join(others)})"
     return words
 
 

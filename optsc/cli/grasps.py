@@ -52,16 +52,12 @@ def _add_validate(actions: Any) -> None:
     )
     validate.add_argument("directory", type=Path)
     add_objects(validate)
-    validate.add_argument(
-        "--mesh", type=Path, metavar="FILE", help="the surface of the one object that is tried"
-    )
+    validate.add_argument("--mesh", type=Path, metavar="FILE", help="the surface of the one object that is tried")
     add_unit(validate, "it")
     validate.add_argument("--mass", type=float, metavar="KG", help="of the objects (default: at 1000 kg/m3)")
     validate.add_argument("--friction", type=float, help="of the objects (default 0.6)")
     validate.add_argument("--workers", type=int, help="processes that share the work (default: all cores)")
-    validate.add_argument(
-        "--least", type=float, default=0.0, help="share that has to hold for exit code 0 (default 0)"
-    )
+    validate.add_argument("--least", type=float, default=0.0, help="share that has to hold for exit code 0 (default 0)")
     add_seed(validate, "nothing: trials have no chance in them")
     add_replace(validate)
     add_output(validate, None, "where the sets with outcomes go", otherwise="in place")

@@ -20,9 +20,7 @@ def command_line() -> str:
     return shlex.join(["optsc", *sys.argv[1:]])
 
 
-def add_output(
-    parser: Any, default: str | None, what: str = "where results go", *, otherwise: str = "nowhere"
-) -> None:
+def add_output(parser: Any, default: str | None, what: str = "where results go", *, otherwise: str = "nowhere") -> None:
     """Add ``--output DIR``; without a default it is None unless it is given, which means ``otherwise``."""
     shown = f"{what} (default {default})" if default else f"{what} (default: {otherwise})"
     parser.add_argument("--output", type=Path, default=default and Path(default), metavar="DIR", help=shown)

@@ -104,9 +104,7 @@ def _add_run(steps: Any) -> None:
     run.add_argument("--all", action="store_true", help="all conditions, one after another")
     run.add_argument("--trials", type=int, metavar="N", help="at most this many trials")
     run.add_argument("--ask", action="store_true", help="ask the six questions here after each condition")
-    run.add_argument(
-        "--real-time", action="store_true", help="at the pace of the clock; always so with a device"
-    )
+    run.add_argument("--real-time", action="store_true", help="at the pace of the clock; always so with a device")
     run.add_argument("--gui", action="store_true", help="PyBullet's window, where the plan has that follower")
 
 
@@ -167,9 +165,7 @@ def _plan(options: argparse.Namespace) -> int:
     scene = plan.scene(design.blocks(1)[0].trials[0])
     path = plan.save(options.study)
     each = len(design.conditions) * (design.trials + design.practice)
-    print(
-        f"{plan.participants} participants, {len(design.conditions)} conditions, {each} trials each: {path}"
-    )
+    print(f"{plan.participants} participants, {len(design.conditions)} conditions, {each} trials each: {path}")
     print(f"the first scene has {', '.join(scene.objects)}; to be grasped: {scene.goal}")
     if plan.participants % design.group:
         print(f"note: the orders are balanced with a multiple of {design.group} participants")
@@ -210,9 +206,7 @@ def _status(options: argparse.Namespace) -> int:
         planned = sum(len(block.trials) for block in session.blocks)
         words = [f"next {session.announce(remaining[0])}" if remaining else "all trials are done"]
         words += [f"not rated yet: {', '.join(unrated)}"] if unrated else []
-        print(
-            f"participant {participant}: {planned - len(remaining)} of {planned} trials; {'; '.join(words)}"
-        )
+        print(f"participant {participant}: {planned - len(remaining)} of {planned} trials; {'; '.join(words)}")
     return 0
 
 

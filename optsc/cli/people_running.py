@@ -16,9 +16,7 @@ from optsc.study.participants.trials import trial_runner
 from optsc.study.participants.workload import Workload, ask_workload
 
 
-def run_trials(
-    plan: StudyPlan, session: ParticipantSession, hand: HandSource, options: argparse.Namespace
-) -> int:
+def run_trials(plan: StudyPlan, session: ParticipantSession, hand: HandSource, options: argparse.Namespace) -> int:
     """Do what the options of ``optsc study people run`` ask for, and return the exit code."""
     remaining = session.remaining
     if options.trials is not None and options.trials < 1:
@@ -34,9 +32,7 @@ def run_trials(
         if not options.all and trial.condition != remaining[0].condition:
             break
         scene = plan.scene(trial)
-        print(
-            f"participant {session.participant}, {session.announce(trial)}: take the {scene.goal}", flush=True
-        )
+        print(f"participant {session.participant}, {session.announce(trial)}: take the {scene.goal}", flush=True)
         if hand.live and sys.stdin.isatty():
             input("press Enter to begin ")
         result = session.execute(trial, run_trial)

@@ -77,9 +77,7 @@ def add_parser(subparsers: Any) -> None:
         epilog="example: optsc sweep --design sobol --count 1000 --scenes 50 --vary weight.orientation=0:1 "
         "weight.position=0:1 weight.manipulability=0:1 measure=yoshikawa,simox --seed 1 --output sweep-output",
     )
-    parser.add_argument(
-        "-h", "--help", action=_Help, nargs=0, help="show this help, with all names, and exit"
-    )
+    parser.add_argument("-h", "--help", action=_Help, nargs=0, help="show this help, with all names, and exit")
     parser.add_argument("--design", help="grid, random, sobol (default), simplex or one-at-a-time")
     parser.add_argument("--tune", action="store_true", help="search with Optuna instead of a design")
     parser.add_argument("--count", type=int, help="points of random, sobol and --tune (default 1000)")

@@ -105,9 +105,7 @@ def _placements(all_shapes: LinkShapes, opening: float) -> list[_Placement]:
 
 
 def _key(bodies: Sequence[_Body]) -> str:
-    parts: list[np.ndarray | float | str] = [
-        repr((FORMAT, MOST_CAPSULES, WORTH, GRID, LONGEST_EDGE, FIT_STEPS))
-    ]
+    parts: list[np.ndarray | float | str] = [repr((FORMAT, MOST_CAPSULES, WORTH, GRID, LONGEST_EDGE, FIT_STEPS))]
     for body in bodies:
         parts += [repr(body[:3]), np.round(body.triangles * 1e7).astype(np.int64)]
     return content_key(*parts)

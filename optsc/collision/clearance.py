@@ -76,9 +76,7 @@ def linked_pairs(capsules: LinkCapsules, linked: LinkPairs) -> list[tuple[int, i
     """Return the pairs of capsules of the pairs of links that are ``linked``, by number."""
     wanted, names = {frozenset(pair) for pair in linked}, capsules.link
     count = len(names)
-    return [
-        (a, b) for a in range(count) for b in range(a + 1, count) if frozenset((names[a], names[b])) in wanted
-    ]
+    return [(a, b) for a in range(count) for b in range(a + 1, count) if frozenset((names[a], names[b])) in wanted]
 
 
 @lru_cache(maxsize=16)
@@ -152,9 +150,7 @@ def _sampled(robot: RobotModel, capsules: LinkCapsules, pairs: Sequence[tuple[in
 def _kernel(robot: RobotModel, linked: LinkPairs, slots: int) -> BatchKernel:
     pairs, hulls = self_pairs(robot, linked), link_capsules(robot, True)
     over = ends_over_table(robot)
-    function = clearance(
-        robot.chain, link_capsules(robot), hulls, pairs.informative, pairs.close, over, slots
-    )
+    function = clearance(robot.chain, link_capsules(robot), hulls, pairs.informative, pairs.close, over, slots)
     return build_batch_kernel(function, CLEARANCES_PER_LOOP, shared=3)
 
 
@@ -214,9 +210,7 @@ class ClearanceScene:
         """Whether machine code runs, or CasADi's virtual machine."""
         return self._kernel.compiled
 
-    def measure(
-        self, q: Array, hand_may_touch: np.ndarray | None = None, horizon: float = HORIZON
-    ) -> Clearances:
+    def measure(self, q: Array, hand_may_touch: np.ndarray | None = None, horizon: float = HORIZON) -> Clearances:
         """Return the clearances of configurations ``q`` (N, n).
 
         Args:

@@ -239,9 +239,7 @@ class CollisionScene:
         names = [None] * len(q) if hand_may_touch is None else hand_may_touch
         allowed = np.array([name or "" for name in names])
         if allowed.shape != (len(q),):
-            raise InvalidValue(
-                "hand_may_touch", allowed.shape, f"shape ({len(q)},), one entry per configuration"
-            )
+            raise InvalidValue("hand_may_touch", allowed.shape, f"shape ({len(q)},), one entry per configuration")
         world, own = self._certainly_clear(q, allowed)
         reason = np.full(len(q), "", dtype=object)
         # A given opening is checked even where the capsules, which hold the fingers at any, tell enough.

@@ -107,9 +107,7 @@ def boxes_of(parts: Sequence[TriangleMesh], most: int, name: str) -> Boxes:
     clouds = [np.asarray(part.vertices) for part in parts]
     for points in clouds:
         if len(points) < 4 or is_flat(points):
-            raise InvalidValue(
-                f"a part of {name}", points.shape, f"points (V, 3) that span more than {THINNEST} m"
-            )
+            raise InvalidValue(f"a part of {name}", points.shape, f"points (V, 3) that span more than {THINNEST} m")
     groups = dict(enumerate(_Boxed.around(points) for points in clouds))
     joined: dict[tuple[int, int], _Boxed] = {}
     for new in range(len(groups), 2 * len(groups)):

@@ -49,13 +49,13 @@ class Assistance(NamedTuple):
     Attributes:
         hand: the velocity that the hand asked for.
         robot: what the robot added.
-        carried_out: both, blended: the velocity that the tool is led with.
+        blended: both together: the velocity that the tool is led with.
         share: how much of the authority is the robot's, in [0, 1], as the policy reports it.
     """
 
     hand: Array
     robot: Array
-    carried_out: Array
+    blended: Array
     share: float
 
 
@@ -129,9 +129,7 @@ class Coupling(NamedTuple):
             smooth = smoothed(smoothing, smooth, hand)
             hand = smooth.hand
         clutch = follow(settings, clutch, hand)
-        return Coupling(settings, smoothing, clutch, smooth), Coupled(
-            clutch.tool_p, clutch.tool_q, hand.stamp
-        )
+        return Coupling(settings, smoothing, clutch, smooth), Coupled(clutch.tool_p, clutch.tool_q, hand.stamp)
 
 
 class Following(NamedTuple):

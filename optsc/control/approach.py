@@ -53,9 +53,7 @@ class PathTarget(NamedTuple):
 class StraightPath:
     """From one pose to another on a straight line, turning about one axis, from rest to rest."""
 
-    def __init__(
-        self, settings: Approach, p: Vector, q: Quaternion, end_p: Vector, end_q: Quaternion
-    ) -> None:
+    def __init__(self, settings: Approach, p: Vector, q: Quaternion, end_p: Vector, end_q: Quaternion) -> None:
         self._p, self._q = p, q
         self._shift = (end_p[0] - p[0], end_p[1] - p[1], end_p[2] - p[2])
         self._turn = scalar.log(scalar.multiply(end_q, scalar.conjugate(q)))

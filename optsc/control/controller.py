@@ -208,17 +208,17 @@ class SharedController:
         return step
 
     def _tick(self, sample: OperatorSample | None, measured: FollowerState) -> ControlStep:
-        monitor, news = self.state.monitor.read(sample)
+        monitor, given = self.state.monitor.read(sample)
         self._set(monitor=monitor)
-        event, reason = self._decide(news, measured)
+        event, reason = self._decide(given, measured)
         leaves_hold = self.mode is Mode.HOLD and next_mode(self.mode, event) is not Mode.HOLD
         if leaves_hold and self._lag(measured) > LARGEST_LAG:
             # Something stopped the arm. It goes on from where it is: its old command would push it there again.
             self.servo.reset_configuration(measured.q)
         self._change(event)
-        reason = reason or self._tune(news)
+        reason = reason or self._tune(given)
         time, mode, choice = self.time, self.mode, self.state.choice
-        hand = HandInput(monitor.hand, news.new, monitor.clutch, choice.goals, choice.belief.gap)
+        hand = HandInput(monitor.hand, given.new, monitor.clutch, choice.goals, choice.belief.gap)
         activity, outcome = self.state.activity.step(self.servo, hand, measured.opening)
         self._set(activity=activity)
         if outcome.event is not None:
@@ -258,26 +258,26 @@ class SharedController:
     def _set(self, **changes: Any) -> None:
         self.state = self.state._replace(**changes)
 
-    def _decide(self, news: OperatorInput, measured: FollowerState) -> tuple[Event | None, str]:
+    def _decide(self, given: OperatorInput, measured: FollowerState) -> tuple[Event | None, str]:
         """Return what happens at this tick before anything moves, and what is wrong or refused, in words."""
         fault = self._fault(measured)
         if fault:
             return Event.FAULT, fault
-        event, reason = news.event, news.reason
-        silent = not news.new and self.state.monitor.silent(self.time, self.servo.settings.timeout)
+        event, reason = given.event, given.reason
+        silent = not given.new and self.state.monitor.silent(self.time, self.servo.settings.timeout)
         if event is None and silent and self.mode.automatic:
             # Nobody could step in.
             return Event.FAULT, "the operator's samples have stopped"
         if event is Event.FAULT:
             return event, reason
         if self.mode is Mode.MANUAL:
-            return self._decide_by_hand(event, news)
-        if self.mode.automatic and event is not Event.TRIGGERED and news.pressed:
-            return self._decide_by_button(event, news.pressed)
+            return self._decide_by_hand(event, given)
+        if self.mode.automatic and event is not Event.TRIGGERED and given.pressed:
+            return self._decide_by_button(event, given.pressed)
         return event, reason
 
-    def _decide_by_hand(self, event: Event | None, news: OperatorInput) -> tuple[Event | None, str]:
-        if Button.VETO in news.pressed:
+    def _decide_by_hand(self, event: Event | None, given: OperatorInput) -> tuple[Event | None, str]:
+        if Button.VETO in given.pressed:
             choice, done = self._choice.veto(self.state.choice, None)
             self._set(choice=choice)
             return event, done
@@ -286,9 +286,7 @@ class SharedController:
         begins = event is None and self._begins_by_itself()
         if event is not Event.TRIGGERED and not begins:
             return event, ""
-        choice, target, refusal = self._choice.choose(
-            self.state.choice, self.servo, self._leading_hand(), self.clutch
-        )
+        choice, target, refusal = self._choice.choose(self.state.choice, self.servo, self._leading_hand(), self.clutch)
         self._set(choice=choice)
         if target is None:
             return None, refusal
@@ -342,16 +340,16 @@ class SharedController:
         waits = tuning is not None and tuning.wait and not self.state.confirmed
         return Event.WAITED if self.mode is Mode.APPROACH and event is Event.ARRIVED and waits else event
 
-    def _tune(self, news: OperatorInput) -> str:
+    def _tune(self, given: OperatorInput) -> str:
         """Shift the grasp that the robot goes to as the operator nudges it; say why it cannot be."""
         tuning, target, monitor = self.state.tuning, self.state.target, self.state.monitor
         if tuning is None or self.mode not in _TUNABLE or target is None:
             return ""
-        if news.nudge is not None:
-            tuning = tuning.pushed(news.nudge)
-        if Button.NUDGE in monitor.buttons and news.new and news.moved_from and monitor.hand:
+        if given.nudge is not None:
+            tuning = tuning.pushed(given.nudge)
+        if Button.NUDGE in monitor.buttons and given.new and given.moved_from and monitor.hand:
             grasp = pose_of(target.X_WG)[1]
-            tuning = tuning.pushed(hand_nudge(self.clutch, news.moved_from, monitor.hand, grasp))
+            tuning = tuning.pushed(hand_nudge(self.clutch, given.moved_from, monitor.hand, grasp))
         tuning, reason = tuning.settled(self.time)
         activity = self.state.activity
         if tuning.tuned.target is not target:

@@ -106,9 +106,7 @@ def nudged(settings: FineTuning, scene: TuningScene, tuned: Tuned, nudge: Nudge)
 
 def _shortened(offset: Pose, most: tuple[float, float]) -> Pose:
     turn = scalar.shortened(scalar.log(tuple(offset.quaternion.tolist())), most[1])
-    return Pose(
-        np.array(scalar.exp(turn)), np.array(scalar.shortened(tuple(offset.translation.tolist()), most[0]))
-    )
+    return Pose(np.array(scalar.exp(turn)), np.array(scalar.shortened(tuple(offset.translation.tolist()), most[0])))
 
 
 def _is_clear(scene: TuningScene, target: Target) -> bool:
@@ -187,9 +185,7 @@ class Shift(NamedTuple):
         """Return the shift with another end: the displacement that turns one pose in W into another."""
         (p, q), (to_p, to_q) = start, end
         end_p = (to_p[0] - p[0], to_p[1] - p[1], to_p[2] - p[2])
-        return Shift(
-            self.speed, self.p, self.r, end_p, scalar.log(scalar.multiply(to_q, scalar.conjugate(q)))
-        )
+        return Shift(self.speed, self.p, self.r, end_p, scalar.log(scalar.multiply(to_q, scalar.conjugate(q))))
 
     @property
     def moving(self) -> bool:

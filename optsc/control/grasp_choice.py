@@ -282,9 +282,7 @@ class GraspChoice:
                 return ranking.target_of(self._aim(goal).candidate)
         return ranking.target()
 
-    def near(
-        self, state: ChoiceState, servo: Servo, within: tuple[float, float] | None
-    ) -> tuple[Target | None, str]:
+    def near(self, state: ChoiceState, servo: Servo, within: tuple[float, float] | None) -> tuple[Target | None, str]:
         """Return the grasp that the tool is at, within a distance and an angle, or why there is none."""
         if within is None:
             return None, ""

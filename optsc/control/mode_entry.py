@@ -48,9 +48,7 @@ class ModeSettings(NamedTuple):
     open: float
 
 
-def after_event(
-    settings: ModeSettings, state: ControllerState, servo: Servo, event: Event | None
-) -> ControllerState:
+def after_event(settings: ModeSettings, state: ControllerState, servo: Servo, event: Event | None) -> ControllerState:
     """Return the state in the mode that follows on an event, if one does; some events begin the same mode again."""
     if event is None or (state.mode, event) not in TRANSITIONS:
         return state

@@ -92,9 +92,7 @@ def markdown() -> str:
         "| mode | event | next mode |",
         "|---|---|---|",
     ]
-    lines += [
-        f"| {mode.value} | {event.value} | {after.value} |" for (mode, event), after in TRANSITIONS.items()
-    ]
+    lines += [f"| {mode.value} | {event.value} | {after.value} |" for (mode, event), after in TRANSITIONS.items()]
     lines += ["", "```mermaid", "stateDiagram-v2", f"    [*] --> {Mode.HOLD.value}"]
     lines += [
         f"    {mode.value} --> {after.value}: {event.name.lower()}"

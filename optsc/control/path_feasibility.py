@@ -133,9 +133,7 @@ def which_can_travel(
     """
     completed = np.ones(len(waypoints[0]), dtype=bool)
     configurations = np.repeat(np.asarray(q, dtype=float)[None], len(completed), axis=0)
-    begin = Pose(
-        np.tile(start.quaternion, (len(completed), 1)), np.tile(start.translation, (len(completed), 1))
-    )
+    begin = Pose(np.tile(start.quaternion, (len(completed), 1)), np.tile(start.translation, (len(completed), 1)))
     for here, there in pairwise([begin, *waypoints]):
         rows = np.flatnonzero(completed)
         rollout = straight_line_rollout(

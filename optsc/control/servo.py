@@ -51,7 +51,7 @@ NOTICEABLE = (1e-3, 5e-3)
 (tuned here): half of what the tool may be off."""
 BEHIND = (4e-3, 2e-2)
 """Distance and angle of the reference to its target [m, rad] from which on an arm at a limit counts as held back even
-where the reference has waited for it (tuned here): a brisk hand is half of that ahead of a free arm."""
+where the reference has waited for it (tuned here): a quick hand is half of that ahead of a free arm."""
 WAITING = 9e-3
 """Time constant [s] with which the reference goes to an arm that is at a limit of its rates (tuned here)."""
 
@@ -90,10 +90,7 @@ def _is_pose(p: list[float], q: list[float]) -> bool:
     """Tell whether this is one pose; sums of magnitudes carry what is not finite, and do not cancel."""
     if len(p) != 3 or len(q) != 4:
         return False
-    return (
-        abs(p[0]) + abs(p[1]) + abs(p[2]) < FARTHEST
-        and 0.9 < q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2 < 1.1
-    )
+    return abs(p[0]) + abs(p[1]) + abs(p[2]) < FARTHEST and 0.9 < q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2 < 1.1
 
 
 def _exceeds(error: Array, limits: tuple[float, float], share: float = 1.0) -> bool:

@@ -77,9 +77,7 @@ class Verdict(NamedTuple):
 FOLLOWING = Verdict(Status.FOLLOWING, "")
 
 
-def held_back(
-    robot: RobotModel, guard: JointGuard, wanted: Array, near: Nearness | None, far: bool
-) -> Verdict:
+def held_back(robot: RobotModel, guard: JointGuard, wanted: Array, near: Nearness | None, far: bool) -> Verdict:
     """Return what holds the velocity ``wanted`` (n,) [rad/s] back at this tick.
 
     Args:

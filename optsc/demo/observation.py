@@ -109,9 +109,7 @@ class EpisodeObservation:
     def __call__(self, time: float, measured: FollowerState) -> SceneUpdate | None:
         """Observe, and return the change of the scene for the controller; None where there is none."""
         objects = self._follower.objects()  # for the renderer alone
-        view = self._scene.camera.capture(
-            measured.q, measured.opening, objects, rng=self._rng, stamp=measured.time
-        )
+        view = self._scene.camera.capture(measured.q, measured.opening, objects, rng=self._rng, stamp=measured.time)
         before = perf_counter()
         self.state, events = self._scene.observer.observe(self.state, view.image, measured.q)
         self.seconds.append(perf_counter() - before)

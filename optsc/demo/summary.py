@@ -97,9 +97,7 @@ def table(demo: Demo) -> str:
         cells = ["-" if x is None else f"{x:.3f}" for x in numbers]
         rows.append((name, condition, "yes" if episode.lifted else "no", *cells))
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows
-    )
+    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
 
 
 def figure(demo: Demo) -> Any:

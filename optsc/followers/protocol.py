@@ -94,9 +94,7 @@ class CheckedCommand(NamedTuple):
     period: float
 
 
-def checked_command(
-    robot: RobotModel, q: ArrayLike, v: ArrayLike, opening: float, period: float
-) -> CheckedCommand:
+def checked_command(robot: RobotModel, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> CheckedCommand:
     """Return a command from outside as floats; raise `InvalidValue` if it is none for ``robot``.
 
     Without a gripper any finite opening will do, and becomes 0.

@@ -148,9 +148,7 @@ class DepthImage:
             raise InvalidValue("depth", depth.shape, f"shape {size}, the size of the camera's image")
         wrong = ~np.isnan(depth) & ~((depth > 0.0) & (depth < np.inf))
         if wrong.any():
-            raise InvalidValue(
-                "depth", float(depth[wrong][0]), "more than 0 m and finite; NaN where not measured"
-            )
+            raise InvalidValue("depth", float(depth[wrong][0]), "more than 0 m and finite; NaN where not measured")
         if self.X_WC.shape != ():
             raise InvalidValue("X_WC", self.X_WC.shape, "a single pose")
         if not math.isfinite(self.stamp):

@@ -84,9 +84,7 @@ class Pose:
     @classmethod
     def concatenate(cls, poses: Sequence[Pose]) -> Pose:
         """Return the batches of poses joined along their first axis."""
-        return cls(
-            np.concatenate([p.quaternion for p in poses]), np.concatenate([p.translation for p in poses])
-        )
+        return cls(np.concatenate([p.quaternion for p in poses]), np.concatenate([p.translation for p in poses]))
 
     @property
     def shape(self) -> tuple[int, ...]:

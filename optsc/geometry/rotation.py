@@ -60,9 +60,7 @@ def rotate(q: ArrayLike, vector: ArrayLike) -> Array:
     a, b, c = _components(vector)
     # v + 2 w (u x v) + 2 u x (u x v), written out: numpy's cross product costs more than all of this.
     tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return np.stack(
-        [a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx], axis=-1
-    )
+    return np.stack([a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx], axis=-1)
 
 
 def to_matrix(q: ArrayLike) -> Array:
@@ -88,9 +86,7 @@ def from_matrix(matrix: ArrayLike) -> Array:
     if not (np.all(identity_error <= 1e-6) and np.all(np.linalg.det(R) > 0)):
         raise InvalidValue("rotation matrix", R.tolist(), "orthonormal within 1e-6, determinant +1")
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    squares = np.stack(
-        [1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], -1
-    )
+    squares = np.stack([1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], -1)
     d0, d1, d2 = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
     s0, s1, s2 = R[..., 2, 1] + R[..., 1, 2], R[..., 0, 2] + R[..., 2, 0], R[..., 1, 0] + R[..., 0, 1]
     columns = np.stack(

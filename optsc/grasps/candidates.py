@@ -39,9 +39,7 @@ class Candidates(Checked):
 
     def __post_init__(self) -> None:
         if np.shape(self.opening) != self.X_WG.shape:
-            raise InvalidValue(
-                "shape of the candidates' opening", np.shape(self.opening), f"{self.X_WG.shape}"
-            )
+            raise InvalidValue("shape of the candidates' opening", np.shape(self.opening), f"{self.X_WG.shape}")
         super().__post_init__()
 
     def __len__(self) -> int:

@@ -88,9 +88,7 @@ class GraspLibrary(Mapping[str, GraspSet]):
             if gripper is not None and grasps.gripper != gripper.name:
                 raise Mismatch(f"grasp set {path}", grasps.gripper, gripper.name)
             if path != path_of(directory, grasps.object_name):
-                raise DamagedFile(
-                    path, f"holds the grasps of {grasps.object_name!r}, which its name does not say"
-                )
+                raise DamagedFile(path, f"holds the grasps of {grasps.object_name!r}, which its name does not say")
             sets[grasps.object_name] = grasps
         return cls(sets)
 

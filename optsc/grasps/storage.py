@@ -49,9 +49,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 def path_of(directory: str | Path, object_name: str) -> Path:
     """Return the file for the grasps of an object; raise `InvalidValue` for a name no file should have."""
     if not _NAME.fullmatch(object_name):
-        raise InvalidValue(
-            "object name", object_name, "letters, digits, '_', '.', '-', not starting with a sign"
-        )
+        raise InvalidValue("object name", object_name, "letters, digits, '_', '.', '-', not starting with a sign")
     return Path(directory) / f"{object_name}{SUFFIX}"
 
 
@@ -95,9 +93,7 @@ def load_set(path: str | Path) -> GraspSet:
     if not isinstance(version, int):
         raise DamagedFile(path, "its description names no format")
     if version > FORMAT:
-        raise InvalidValue(
-            f"format of {path}", version, f"at most {FORMAT}: the file is from a later version of optsc"
-        )
+        raise InvalidValue(f"format of {path}", version, f"at most {FORMAT}: the file is from a later version of optsc")
     for field, kind in _FIELDS.items():
         if not isinstance(description.get(field), kind):
             raise DamagedFile(path, f"its description lacks {field}")

@@ -67,9 +67,7 @@ class ReachBound:
         """Return which poses of the tool (N, 4), (N, 3) are out of reach for certain; the others may be, too."""
         w, v = quaternion[:, :1], quaternion[:, 1:]
         # R u = (w² - v·v) u + 2 (v·u) v + 2 w v × u, for one u and many rotations.
-        turned = (
-            (2.0 * w * w - 1.0) * self.last + 2.0 * (v @ self.last)[:, None] * v + 2.0 * w * (v @ self._cross)
-        )
+        turned = (2.0 * w * w - 1.0) * self.last + 2.0 * (v @ self.last)[:, None] * v + 2.0 * w * (v @ self._cross)
         offset = turned + p_WT - self.centre
         return np.einsum("ij,ij->i", offset, offset) > (self.radius + REACH_MARGIN) ** 2
 

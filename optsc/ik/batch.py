@@ -144,9 +144,7 @@ def _checked_seeds(robot: RobotModel, seeds: ArrayLike | None, shape: tuple[int,
         return q.reshape(count, 1, n)
     if q.ndim == len(shape) + 2 and q.shape[: len(shape)] == shape and q.shape[-2]:
         return q.reshape(count, -1, n)
-    raise InvalidValue(
-        "shape of seeds", q.shape, f"({n},), {(*shape, n)} or ({', '.join(map(str, shape))}, K, {n})"
-    )
+    raise InvalidValue("shape of seeds", q.shape, f"({n},), {(*shape, n)} or ({', '.join(map(str, shape))}, K, {n})")
 
 
 @lru_cache(maxsize=8)

@@ -120,9 +120,7 @@ def collect(batch: PoseBatch, samples: int) -> Configurations:
     return Configurations(q, np.concatenate([batch.success[:, None], others.success.reshape(shape)], axis=1))
 
 
-def choose(
-    batch: PoseBatch, found: Configurations, objective: Objective | None
-) -> tuple[Array, NDArray[np.bool_]]:
+def choose(batch: PoseBatch, found: Configurations, objective: Objective | None) -> tuple[Array, NDArray[np.bool_]]:
     """Return the best usable configuration (R, n) of each pose, by default the first, and which poses have one (R,)."""
     count, each, n = found.q.shape
     value = np.broadcast_to(np.arange(float(each)), (count, each))

@@ -118,9 +118,7 @@ class IkSettings(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.manipulability_gain > 0 and self.posture_gain * self.posture_weight == 0:
-            raise InvalidValue(
-                "manipulability_gain", self.manipulability_gain, "zero where there is no posture task"
-            )
+            raise InvalidValue("manipulability_gain", self.manipulability_gain, "zero where there is no posture task")
         if self.damping + self.posture_weight <= 0:
             raise InvalidValue("damping", self.damping, "positive where there is no posture task")
 

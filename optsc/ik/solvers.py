@@ -107,9 +107,7 @@ class DaqpSolver:
         else:
             matrix = np.ascontiguousarray(rows.matrix)
             lower, upper = np.concatenate([lower, rows.lower]), np.concatenate([upper, rows.upper])
-        x, _, flag, info = self._solve(
-            H, g, matrix, upper, lower, primal_tol=1e-9, iter_limit=ITERATION_LIMIT
-        )
+        x, _, flag, info = self._solve(H, g, matrix, upper, lower, primal_tol=1e-9, iter_limit=ITERATION_LIMIT)
         if flag == 1 and x[0] == x[0]:
             return QpSolution(x, True, info["iterations"])
         return QpSolution(np.zeros(n), False, info["iterations"], f"daqp: exit flag {flag}")
@@ -142,7 +140,7 @@ class ProxQpSolver:
         problem.settings.initial_guess = self._proxqp.InitialGuess.NO_INITIAL_GUESS
         # By the residuals alone a problem with soft rows counts as solved up to 2e-3 rad/s from its solution.
         problem.settings.check_duality_gap = True
-        problem.settings.eps_duality_gap_abs, problem.settings.eps_duality_gap_rel = 1e-9, 0.0
+        problem.settings.eps_duality_gap_abs, problem.settings.eps_duality_gap_rel = 1e-6, 0.0
         problem.init(H, g, None, None, C, c_low, c_high, lower, upper)
         problem.solve()
         info = problem.results.info

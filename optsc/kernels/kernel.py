@@ -71,15 +71,11 @@ class Kernel:
     def __call__(self, *arrays: ArrayLike) -> tuple[Array, ...]:
         """Return copies of the outputs for the given inputs; raise `InvalidValue` when shapes do not fit."""
         if len(arrays) != len(self.inputs):
-            raise InvalidValue(
-                f"number of inputs of {self.function.name()}", len(arrays), str(len(self.inputs))
-            )
+            raise InvalidValue(f"number of inputs of {self.function.name()}", len(arrays), str(len(self.inputs)))
         values = [np.asarray(array, dtype=float) for array in arrays]
         for i, (buffer, value) in enumerate(zip(self.inputs, values, strict=True)):
             if buffer.shape != value.shape:
-                raise InvalidValue(
-                    f"shape of input {self.function.name_in(i)}", value.shape, str(buffer.shape)
-                )
+                raise InvalidValue(f"shape of input {self.function.name_in(i)}", value.shape, str(buffer.shape))
         with self._lock:
             for buffer, value in zip(self.inputs, values, strict=True):
                 buffer[...] = value
@@ -163,9 +159,7 @@ def build_kernel(function: casadi.Function) -> Kernel:
     try:
         return Kernel(casadi.external(function.name(), str(library)), compiled=True)
     except RuntimeError as error:
-        warnings.warn(
-            f"{library} cannot be loaded, so {function.name()} runs interpreted: {error}", stacklevel=2
-        )
+        warnings.warn(f"{library} cannot be loaded, so {function.name()} runs interpreted: {error}", stacklevel=2)
         return Kernel(function, compiled=False)
 
 

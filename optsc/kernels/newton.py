@@ -68,9 +68,7 @@ def tool_deviation(
     return deviation, rates
 
 
-def without_blocked(
-    J: casadi.SX, q: casadi.SX, gradient: casadi.SX, lower: casadi.SX, upper: casadi.SX
-) -> casadi.SX:
+def without_blocked(J: casadi.SX, q: casadi.SX, gradient: casadi.SX, lower: casadi.SX, upper: casadi.SX) -> casadi.SX:
     """Return J (6, n) with zero columns for joints that stand at a limit and are pushed against it."""
     at_lower = casadi.logic_and(q <= lower, gradient < 0)
     at_upper = casadi.logic_and(q >= upper, gradient > 0)

@@ -59,9 +59,7 @@ def pose_task(chain: Chain) -> casadi.Function:
         weight[:3] * at_most(error[:3], largest[0]),
         weight[3:] * at_most(error[3:], largest[1]),
     )
-    square = casadi.dot(weighted_error[0], weighted_error[0]) + casadi.dot(
-        weighted_error[1], weighted_error[1]
-    )
+    square = casadi.dot(weighted_error[0], weighted_error[0]) + casadi.dot(weighted_error[1], weighted_error[1])
     damping = s[PoseTaskSettings.DAMPING] + s[PoseTaskSettings.ERROR_DAMPING] * square
     H = weighted_J.T @ weighted_J + (posture_weight + damping) * casadi.SX.eye(n)
     homeward = s[PoseTaskSettings.POSTURE_GAIN] * (posture - q)

@@ -47,9 +47,7 @@ def reference_model(fading: float) -> casadi.Function:
     # Where the target was at the start of this step: the error then follows its own free motion.
     e_p = p - (target_p - period * (target_v - 0.5 * period * target_a))
     back = -period * (target_w - 0.5 * period * target_b)
-    e_r = rotations.log(
-        rotations.multiply(q, rotations.conjugate(rotations.multiply(rotations.exp(back), target_q)))
-    )
+    e_r = rotations.log(rotations.multiply(q, rotations.conjugate(rotations.multiply(rotations.exp(back), target_q))))
     e_v, e_w = v - target_v + period * target_a, w - target_w + period * target_b
     led_a, led_b = share * target_a, share * target_b
     linear = _catch_up(e_p, e_v, a - led_a, settings, ReferenceSettings.LINEAR, period)
@@ -97,9 +95,7 @@ def _bandwidth(most: casadi.SX, braking: casadi.SX, e: casadi.SX, rate: casadi.S
     The model accelerates by up to 0.23 omega^2 |e| from rest, and by up to 0.8 omega |de/dt| out of a wrong speed.
     """
     size, speed = (casadi.sqrt(casadi.dot(x, x) + 1e-300) for x in (e, rate))
-    return casadi.fmin(
-        most, casadi.fmin(casadi.sqrt(QUICKNESS * braking / size), SWIFTNESS * braking / speed)
-    )
+    return casadi.fmin(most, casadi.fmin(casadi.sqrt(QUICKNESS * braking / size), SWIFTNESS * braking / speed))
 
 
 def _moved_on(t: casadi.SX, elapsed: casadi.SX, fading: float) -> tuple[casadi.SX, ...]:

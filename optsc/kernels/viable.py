@@ -69,9 +69,7 @@ def _velocity_end(v: casadi.SX, limit: casadi.SX, jerk_step: casadi.SX, dt: casa
     return casadi.if_else(room > 0.0, ramp, room)
 
 
-def _reach(
-    a_next: casadi.SX, q: casadi.SX, v: casadi.SX, A: casadi.SX, J: casadi.SX, dt: casadi.SX
-) -> casadi.SX:
+def _reach(a_next: casadi.SX, q: casadi.SX, v: casadi.SX, A: casadi.SX, J: casadi.SX, dt: casadi.SX) -> casadi.SX:
     v_next = v + dt * a_next
     return q + 0.5 * dt * (v + v_next) + _stopping_distance(v_next, a_next, A, J)
 

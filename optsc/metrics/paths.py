@@ -80,16 +80,12 @@ def path_clearance(nearest: NearestDistance, q: ArrayLike, rate: float, every: f
     require("every", every, Positive)
     require("rate", rate, Positive)
     stride = max(1, round(every * rate))
-    picked = np.array(
-        sorted({*range(0, len(configurations), stride), *range(len(configurations))[-1:]}), dtype=int
-    )
+    picked = np.array(sorted({*range(0, len(configurations), stride), *range(len(configurations))[-1:]}), dtype=int)
     if not len(picked):
         return PathClearance(inf, 0.0, inf)
     distance = np.asarray(nearest(configurations[picked]), dtype=float)
     if distance.shape != picked.shape:
-        raise InvalidValue(
-            "shape of the distances", distance.shape, f"{picked.shape}, one for each configuration"
-        )
+        raise InvalidValue("shape of the distances", distance.shape, f"{picked.shape}, one for each configuration")
     lowest = int(np.argmin(distance))
     return PathClearance(float(distance[lowest]), float(picked[lowest]) / rate, float(np.mean(distance)))
 

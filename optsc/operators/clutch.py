@@ -166,9 +166,7 @@ def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchSt
         mismatch = settings.slerp.remaining(mismatch, hand.stamp - state.stamp)
         tool_q = scalar.multiply(mismatch, hand_q)
     tool_q = scalar.normalised(tool_q)
-    return ClutchState(
-        hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, state.since, displacement, turn, held
-    )
+    return ClutchState(hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, state.since, displacement, turn, held)
 
 
 def _held(fade: float, elapsed: float) -> float:

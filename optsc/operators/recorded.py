@@ -46,9 +46,7 @@ class HandRecording(Checked):
         steps = np.diff(self.time)
         if np.any(steps <= 0.0):
             row = int(np.argmax(steps <= 0.0)) + 1
-            raise InvalidValue(
-                f"time of sample {row}", float(self.time[row]), f"above {self.time[row - 1]} s"
-            )
+            raise InvalidValue(f"time of sample {row}", float(self.time[row]), f"above {self.time[row - 1]} s")
         if self.X_SH.shape != self.time.shape:
             raise InvalidValue("HandRecording.X_SH", self.X_SH.shape, f"shape {self.time.shape}, as time")
 
@@ -69,9 +67,7 @@ class HandRecording(Checked):
         norm = np.linalg.norm(table[:, 4:], axis=1)
         if np.any(np.abs(norm - 1.0) > DEVICE_UNIT_TOLERANCE):
             row = int(np.argmax(np.abs(norm - 1.0)))
-            raise InvalidValue(
-                f"quaternion of sample {row}", table[row, 4:].tolist(), "of unit norm within 1e-3"
-            )
+            raise InvalidValue(f"quaternion of sample {row}", table[row, 4:].tolist(), "of unit norm within 1e-3")
         return cls(
             time=table[:, 0],
             X_SH=Pose(table[:, 4:] / norm[:, None], table[:, 1:4]),
@@ -126,17 +122,13 @@ class HandRecording(Checked):
         sample would jump where that passes half a turn.
         """
         p, q = self.X_SH.translation, self.X_SH.quaternion
-        steps = rotation.exp(
-            rotation_scale * rotation.log(rotation.multiply(q[1:], rotation.conjugate(q[:-1])))
-        )
+        steps = rotation.exp(rotation_scale * rotation.log(rotation.multiply(q[1:], rotation.conjugate(q[:-1]))))
         turned = [q[0]]
         for step in steps:
             turned.append(rotation.multiply(step, turned[-1]))
         scaled = np.array(turned)
         scaled /= np.linalg.norm(scaled, axis=1, keepdims=True)
-        return HandRecording(
-            self.time, Pose(scaled, p[0] + position_scale * (p - p[0])), self.clutch, self.trigger
-        )
+        return HandRecording(self.time, Pose(scaled, p[0] + position_scale * (p - p[0])), self.clutch, self.trigger)
 
 
 def _numbers(row: Sequence[str], count: int) -> list[float]:
@@ -158,9 +150,7 @@ class Recorded:
     Raises `InvalidValue` unless 0 < release < reengage_every.
     """
 
-    def __init__(
-        self, recording: HandRecording, reengage_every: float | None = None, release: float = 0.1
-    ) -> None:
+    def __init__(self, recording: HandRecording, reengage_every: float | None = None, release: float = 0.1) -> None:
         if reengage_every is not None:
             require("reengage_every", reengage_every, Positive)
             require("release", release, Positive, Below(reengage_every))

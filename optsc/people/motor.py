@@ -74,9 +74,7 @@ class WanderingNoise:
 class BandNoise:
     """Noise in a narrow band: a second-order autoregressive process, as tremor is modelled (PMC3032442)."""
 
-    def __init__(
-        self, rng: np.random.Generator, sigma: Array, frequency: float, bandwidth: float, rate: float
-    ) -> None:
+    def __init__(self, rng: np.random.Generator, sigma: Array, frequency: float, bandwidth: float, rate: float) -> None:
         self._rng = rng
         radius = exp(-pi * bandwidth / rate)
         self._a, self._b = 2.0 * radius * cos(2.0 * pi * frequency / rate), -radius * radius
@@ -104,9 +102,7 @@ class SimulatedHand:
         drift = np.repeat([human.drift, human.drift_rotation], 3)
         self._drift = WanderingNoise(rng, drift, human.drift_time, self._period)
         tremor = np.repeat([human.tremor, human.tremor_rotation], 3)
-        self._tremor = BandNoise(
-            rng, tremor, human.tremor_frequency, human.tremor_bandwidth, human.sample_rate
-        )
+        self._tremor = BandNoise(rng, tremor, human.tremor_frequency, human.tremor_bandwidth, human.sample_rate)
         self._tracker = np.repeat([human.tracker_noise, human.tracker_noise_rotation], 3)
 
     @property

@@ -48,9 +48,7 @@ class Aim:
         return Pose(q, centre - self.distance * z)
 
 
-def draw_aim(
-    rng: np.random.Generator, X_WO: Pose, X_WT: Pose, others: Iterable[Pose], aims: AimParameters
-) -> Aim:
+def draw_aim(rng: np.random.Generator, X_WO: Pose, X_WT: Pose, others: Iterable[Pose], aims: AimParameters) -> Aim:
     """Return a ready pose for the object at ``X_WO``, as a person with the tool at ``X_WT`` would choose it.
 
     Of ``aims.draws`` random ones it is the first that keeps clear of the robot's base and of the ``others``, on the

@@ -103,9 +103,7 @@ class Simulated:
         """Return the newest sample of the tracker if its time has come since the last call, else None."""
         if self._person is None:
             self._plan = _plan_for(self._rng, self._plan, view)
-            self._person = SimulatedPerson(
-                self._rng, self._plan, self.R_WS, self.human, self.aims, self.by_hand, view
-            )
+            self._person = SimulatedPerson(self._rng, self._plan, self.R_WS, self.human, self.aims, self.by_hand, view)
             self._start = view.time
         # The thousandth of a period absorbs the rounding of a clock that adds up its ticks.
         due = int((view.time - self._start) * self.human.sample_rate + 1e-3)

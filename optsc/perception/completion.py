@@ -93,9 +93,7 @@ def even_points(mesh: TriangleMesh, spacing: float) -> tuple[Array, Array]:
     """
     area = mesh_area(mesh)
     if area > _MOST * spacing**2:
-        raise InvalidValue(
-            "spacing", spacing, f"at least {np.sqrt(area / _MOST):.2g} m for at most {_MOST} points"
-        )
+        raise InvalidValue("spacing", spacing, f"at least {np.sqrt(area / _MOST):.2g} m for at most {_MOST} points")
     points, normals = mesh.sample(np.random.default_rng(0), int(np.ceil(_TRIES * area / spacing**2)))
     cubes = np.floor(points / spacing)
     axis = np.argmax(np.abs(normals), axis=1)
@@ -111,9 +109,7 @@ def even_points(mesh: TriangleMesh, spacing: float) -> tuple[Array, Array]:
     return result
 
 
-def _near_seen(
-    points: Array, outward: Array, seen: Array, facing: Array | None, distance: float
-) -> np.ndarray:
+def _near_seen(points: Array, outward: Array, seen: Array, facing: Array | None, distance: float) -> np.ndarray:
     """Return which points (N, 3) have a seen one within ``distance`` [m], facing the same side if that is known.
 
     At right angles two surfaces are as far apart as ``distance`` along them: p and n distance/sqrt(2) are compared.

@@ -55,9 +55,7 @@ def load_depth_image(path: str | Path) -> DepthImage:
     elif path.suffix == ".png":
         depth, entries, unit = read_png16(path).astype(float), _json(path.with_suffix(".json")), 1e-3
     else:
-        raise InvalidValue(
-            "depth image", str(path), "a .npz file, or a .png file with a .json file beside it"
-        )
+        raise InvalidValue("depth image", str(path), "a .npz file, or a .png file with a .json file beside it")
     _check_format(path, entries)
     unit = _number(entries, "depth_unit", unit)
     if not 1e-6 <= unit <= 1.0:

@@ -73,9 +73,7 @@ def distance_field(
     points, owner = _face_samples(mesh, step, rng)
     _, near = cKDTree(points).query(cells, k=_CANDIDATES)
     distance, gradient = _signed(mesh, cells, owner[near])
-    return DistanceField(
-        corner, float(step), distance.reshape(shape).astype(np.float32), gradient.reshape(*shape, 3)
-    )
+    return DistanceField(corner, float(step), distance.reshape(shape).astype(np.float32), gradient.reshape(*shape, 3))
 
 
 def _face_samples(mesh: TriangleMesh, step: float, rng: np.random.Generator) -> tuple[Array, np.ndarray]:

@@ -205,9 +205,7 @@ def _common(points: Array, X_WO: Pose, explanations: Sequence[tuple[Template, Po
     return common
 
 
-def _doubtful(
-    template: Template, X_ON: Pose, X_WO: Pose, explanations: Sequence[tuple[Template, Pose]]
-) -> Array:
+def _doubtful(template: Template, X_ON: Pose, X_WO: Pose, explanations: Sequence[tuple[Template, Pose]]) -> Array:
     """Return the points in O of one explanation, at X_ON, that not all the others have."""
     points = X_ON.apply(template.points)
     return points[~_common(points, X_WO, explanations)]

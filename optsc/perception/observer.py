@@ -88,9 +88,7 @@ class SceneObserver:
         self.robot, self.gripper = robot, robot.gripper
         self.settings, self.seed = settings or ObserverSettings(), seed
 
-    def observe(
-        self, state: SceneState, image: DepthImage, q: ArrayLike
-    ) -> tuple[SceneState, tuple[SceneEvent, ...]]:
+    def observe(self, state: SceneState, image: DepthImage, q: ArrayLike) -> tuple[SceneState, tuple[SceneEvent, ...]]:
         """Return what is known after one more image, and what has changed.
 
         Where nothing has changed, the state's library is the very same object.
@@ -113,9 +111,7 @@ class SceneObserver:
         )
         return self._with_new(track(state, observation, self.robot.forward(q), self.gripper), observation)
 
-    def _with_new(
-        self, tracked: TrackingResult, observation: Observation
-    ) -> tuple[SceneState, tuple[SceneEvent, ...]]:
+    def _with_new(self, tracked: TrackingResult, observation: Observation) -> tuple[SceneState, tuple[SceneEvent, ...]]:
         """Return the state with what an image shows beyond it, and without what is lost for good."""
         state, events = tracked.state, list(tracked.events)
         lost, unsure, found = set(tracked.lost), set(tracked.unsure), set[str]()
@@ -139,9 +135,7 @@ class SceneObserver:
             events.append(SceneEvent(SceneEventKind.RETIRED, name, "its place is seen to be empty"))
         return state, tuple(events)
 
-    def _unexplained(
-        self, state: SceneState, lost: AbstractSet[str], observation: Observation
-    ) -> list[Segment]:
+    def _unexplained(self, state: SceneState, lost: AbstractSet[str], observation: Observation) -> list[Segment]:
         """Return the segments that nothing hides and that show nothing that is known to be there."""
         names = state.objects.keys() - lost
         return [
@@ -225,9 +219,7 @@ def _check_same_view(state: SceneState, image: DepthImage) -> None:
             raise InvalidValue("image.X_WC", moved, "the camera's place in the images before")
 
 
-def _same_kind(
-    state: SceneState, missing: Sequence[AbstractSet[str]], template: str | None
-) -> KnownObject | None:
+def _same_kind(state: SceneState, missing: Sequence[AbstractSet[str]], template: str | None) -> KnownObject | None:
     """Return a missing object of this kind, from the first group that has one, the first by name; else None."""
     every = [state.objects[name] for group in missing for name in sorted(group)]
     return next((known for known in every if template is not None and known.template == template), None)

@@ -54,9 +54,7 @@ class _Hit(NamedTuple):
     exit: Array
 
 
-def robot_depth(
-    robot: RobotModel, q: ArrayLike, camera: PinholeCamera, X_WC: Pose, *, margin: float = MARGIN
-) -> Array:
+def robot_depth(robot: RobotModel, q: ArrayLike, camera: PinholeCamera, X_WC: Pose, *, margin: float = MARGIN) -> Array:
     """Return the depth of the arm in an image (H, W) [m], infinite where it is not; 0 around the camera.
 
     The arm is never farther than said nor in a pixel that is said to be free of it.
@@ -175,9 +173,7 @@ def _upsampled(cells: np.ndarray, stride: int, shape: tuple[int, ...]) -> np.nda
     return np.repeat(np.repeat(cells, stride, axis=0), stride, axis=1)[: shape[0], : shape[1]]
 
 
-def _hits(
-    robot: RobotModel, q: ArrayLike, camera: PinholeCamera, X_WC: Pose, margin: float
-) -> Iterator[_Hit]:
+def _hits(robot: RobotModel, q: ArrayLike, camera: PinholeCamera, X_WC: Pose, margin: float) -> Iterator[_Hit]:
     """Yield what the rays through the cells' middles meet of each capsule that is in the image."""
     q = robot.checked(q)
     if q.ndim != 1:

@@ -98,9 +98,7 @@ def resting_starts(
     return PoseHypotheses.joined(parts)
 
 
-def free_starts(
-    template: Template, points: Array, eye: Array, count: int, rng: np.random.Generator
-) -> PoseHypotheses:
+def free_starts(template: Template, points: Array, eye: Array, count: int, rng: np.random.Generator) -> PoseHypotheses:
     """Return starts with rotations from all of SO(3), for what rests on something else than the table."""
     R = rotation.to_matrix(rotation.random(rng, (count,)))
     return _placed(R, template, points, eye, None)

@@ -102,9 +102,7 @@ def refine(
         iterations: at most, of small_gicp.
     """
     if method == "field":
-        return align(
-            hypotheses, points, template.field, tuple(reach * r for r in _FIELD_REACHES), freedom=FREE
-        )
+        return align(hypotheses, points, template.field, tuple(reach * r for r in _FIELD_REACHES), freedom=FREE)
     import small_gicp
 
     target, tree = _target(template)

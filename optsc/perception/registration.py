@@ -164,17 +164,13 @@ def _refusal(ranked: RankedHypotheses, settings: RegistrationSettings, index: in
         return f"only {100 * f.inliers:.0f} % of the seen points are on it ({least:.0f} % needed)"
     if f.violations > settings.largest_violations:
         most, through = 100 * settings.largest_violations, 100 * f.violations
-        return (
-            f"the camera saw through {through:.0f} % of what should be visible of it (at most {most:.0f} %)"
-        )
+        return f"the camera saw through {through:.0f} % of what should be visible of it (at most {most:.0f} %)"
     if f.residual > settings.largest_residual:
         return f"residual {1e3 * f.residual:.1f} mm (at most {1e3 * settings.largest_residual:.1f} mm)"
     return ""
 
 
-def _decided(
-    found: Sequence[RankedHypotheses], search: PoseSearch, settings: RegistrationSettings
-) -> Registration:
+def _decided(found: Sequence[RankedHypotheses], search: PoseSearch, settings: RegistrationSettings) -> Registration:
     """Return the best hypothesis with its alternatives, or why it is refused."""
     if not found:
         return Registration.refused("no template is as tall as what was seen")
@@ -192,9 +188,7 @@ def _decided(
             break
         if all(_differ(*entry, *other, settings.search.distinct) for other in distinct):
             distinct.append(entry)
-    C = covariance(
-        pose, search.points, template, settings.search.tolerance, settings.noise, template.diameter
-    )
+    C = covariance(pose, search.points, template, settings.search.tolerance, settings.noise, template.diameter)
     return Registration(
         template=template.name,
         X_WO=pose.pose(0),

@@ -137,9 +137,7 @@ def _centre_of_mass(mesh: TriangleMesh) -> Array:
     return mesh.centre + volumes @ corners.sum(axis=1) / (4.0 * volumes.sum())
 
 
-def _facets(
-    points: Array, simplices: np.ndarray, planes: Array, centre: Array
-) -> list[tuple[Array, float, float]]:
+def _facets(points: Array, simplices: np.ndarray, planes: Array, centre: Array) -> list[tuple[Array, float, float]]:
     """Return normal, solid angle and least tilt [rad] of each flat side of a hull, largest solid angle first.
 
     The tilt is that about the nearest edge at which the centre of mass leaves the side; below zero it already has.

@@ -67,9 +67,7 @@ class SceneState:
     @property
     def obstacles(self) -> dict[str, tuple[tuple[TriangleMesh, ...], Pose]]:
         """Shapes and poses of what stands around, for `optsc.collision.CollisionModel.scene`."""
-        return {
-            name: (known.parts, known.X_WO) for name, known in self.objects.items() if name not in self.held
-        }
+        return {name: (known.parts, known.X_WO) for name, known in self.objects.items() if name not in self.held}
 
     def place(self) -> Candidates:
         """Return all stored grasps, placed where their objects are, but for what is in the hand."""

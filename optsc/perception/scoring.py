@@ -140,9 +140,7 @@ def fit(
     return Fit(close - violations, close, inliers, residual, violations)
 
 
-def shape_distance(
-    hypotheses: PoseHypotheses, other: PoseHypotheses, template: Template, count: int = 300
-) -> Array:
+def shape_distance(hypotheses: PoseHypotheses, other: PoseHypotheses, template: Template, count: int = 300) -> Array:
     """Return how far the template's surface at ``other`` (one pose) sticks out of that at ``hypotheses`` (B,) [m].
 
     The mean over the twentieth of the points that sticks out farthest, in the worse of the two directions: zero for

@@ -89,9 +89,7 @@ class PoseSearch(NamedTuple):
     table_height: float
     settings: SearchSettings
 
-    def resting(
-        self, templates: Sequence[Template], extra: Mapping[str, PoseHypotheses]
-    ) -> list[RankedHypotheses]:
+    def resting(self, templates: Sequence[Template], extra: Mapping[str, PoseHypotheses]) -> list[RankedHypotheses]:
         """Return refined hypotheses of the templates that may fit, resting on the table; none of the others.
 
         Args:
@@ -99,9 +97,7 @@ class PoseSearch(NamedTuple):
         """
         rough = []
         for template in templates:
-            starts = resting_starts(
-                template, self.points, self.eye, self.table_height, self.settings.yaw_angles
-            )
+            starts = resting_starts(template, self.points, self.eye, self.table_height, self.settings.yaw_angles)
             rough.append(self._rough(template, starts, PLANAR))
         fine = self._fine(rough, PLANAR)
         for template in (one.template for one in rough):
@@ -158,9 +154,7 @@ class PoseSearch(NamedTuple):
         lengths = tuple(self.settings.tolerance * reach for reach in reaches)
         return align(hypotheses, self.points[:points], template.field, lengths, freedom=freedom)
 
-    def _rough(
-        self, template: Template, starts: PoseHypotheses, freedom: tuple[int, ...]
-    ) -> RankedHypotheses:
+    def _rough(self, template: Template, starts: PoseHypotheses, freedom: tuple[int, ...]) -> RankedHypotheses:
         """Return the best starts after a few steps on few points."""
         few = closeness(starts, self.points[:50], template, 3.0 * self.settings.tolerance)
         chosen = starts[np.argsort(-few, kind="stable")[: self.settings.rough]]

@@ -116,25 +116,18 @@ def segment_image(
         )
         size = float(np.linalg.norm(np.ptp(found.cloud.points, axis=0))) if len(found.cloud) else 0.0
         if size > settings.largest:
-            dropped.append(
-                DroppedCluster(len(found.cloud), f"{size:.2f} m long, more than {settings.largest} m")
-            )
+            dropped.append(DroppedCluster(len(found.cloud), f"{size:.2f} m long, more than {settings.largest} m"))
         elif len(found.cloud):
             segments.append(found)
     segments.sort(key=lambda s: -len(s.cloud))
     return Segmentation(tuple(segments), tuple(dropped), table)
 
 
-def _without_small(
-    labels: np.ndarray, settings: SegmentationSettings
-) -> tuple[np.ndarray, list[DroppedCluster]]:
+def _without_small(labels: np.ndarray, settings: SegmentationSettings) -> tuple[np.ndarray, list[DroppedCluster]]:
     """Return the labels with small clusters taken out and the others numbered from 0, -1 for none."""
     counts = np.bincount(labels[labels >= 0])
     kept = counts >= settings.smallest
-    dropped = [
-        DroppedCluster(int(count), f"fewer than {settings.smallest} pixels")
-        for count in counts[~kept].tolist()
-    ]
+    dropped = [DroppedCluster(int(count), f"fewer than {settings.smallest} pixels") for count in counts[~kept].tolist()]
     number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
     return number[labels], sorted(dropped, key=lambda d: -d.pixels)
 

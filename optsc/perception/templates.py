@@ -129,9 +129,7 @@ def template_from_mesh(
     field = DistanceField(arrays["corner"], float(arrays["step"]), arrays["distance"], arrays["gradient"])
     resting = Pose(arrays["resting_quaternion"], arrays["resting_translation"])
     points, normals = arrays["points"], arrays["normals"]
-    return Template(
-        name, mesh, points, normals, int(arrays["symmetry"]), resting, float(arrays["diameter"]), field
-    )
+    return Template(name, mesh, points, normals, int(arrays["symmetry"]), resting, float(arrays["diameter"]), field)
 
 
 def _computed(mesh: TriangleMesh, count: int, symmetry_tolerance: float, seed: int) -> Arrays:
@@ -228,9 +226,7 @@ def _check_size(name: str, mesh: TriangleMesh) -> None:
 
 
 def _check_volume(name: str, mesh: TriangleMesh) -> None:
-    valid = (
-        "above 1 mm^3: a closed surface that encloses something, faces counter-clockwise seen from outside"
-    )
+    valid = "above 1 mm^3: a closed surface that encloses something, faces counter-clockwise seen from outside"
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     if np.prod(high - low) <= _LEAST_VOLUME:
         raise InvalidValue(f"volume of template {name}", 0.0, valid)

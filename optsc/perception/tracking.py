@@ -162,9 +162,7 @@ def share_between_jaws(points_T: np.ndarray, gripper: Gripper) -> float:
     return float(np.mean(inside)) if len(points_T) else 0.0
 
 
-def _with_grips(
-    state: SceneState, found: Mapping[str, ExpectedVisibility], X_WT: Pose, gripper: Gripper
-) -> SceneState:
+def _with_grips(state: SceneState, found: Mapping[str, ExpectedVisibility], X_WT: Pose, gripper: Gripper) -> SceneState:
     """Return the state in which what is between the jaws is noted, at the hand's deepest reach for it.
 
     Later the hand may have carried it away unseen. What is seen where it was is in no hand.

@@ -61,9 +61,7 @@ class JointLimits(Checked):
         """Return ``q`` (..., n) moved to the nearest position inside the limits."""
         return np.clip(np.asarray(q, dtype=float), self.lower, self.upper)
 
-    def tightened(
-        self, *, velocity: float = 1.0, acceleration: float = 1.0, jerk: float = 1.0
-    ) -> JointLimits:
+    def tightened(self, *, velocity: float = 1.0, acceleration: float = 1.0, jerk: float = 1.0) -> JointLimits:
         """Return limits with the rates multiplied by factors in (0, 1]; raise `InvalidValue`."""
         for name, factor in (("velocity", velocity), ("acceleration", acceleration), ("jerk", jerk)):
             require(f"{name} factor", factor, Above(0.0), AtMost(1.0))

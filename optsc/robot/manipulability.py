@@ -140,9 +140,7 @@ class Manipulability(Checked):
             return octants[0]
         none = np.zeros((6, len(q)))
         found = [scale * slopes(q, [self.k], signs, none)[0] for signs in octants]
-        values = [
-            self._measure(np.asarray(np.linalg.svd(J, compute_uv=False), dtype=float))[0] for J in found
-        ]
+        values = [self._measure(np.asarray(np.linalg.svd(J, compute_uv=False), dtype=float))[0] for J in found]
         return octants[int(np.argmin(values))]
 
     def _measure(self, sigma: Array) -> tuple[float, Array]:
@@ -184,9 +182,7 @@ DEFINITIONS: Mapping[str, Manipulability] = MappingProxyType(
 @lru_cache(maxsize=32)
 def _products(robot: RobotModel, joint_limits: str) -> BatchKernel:
     if joint_limits == "vahrenkamp":
-        return build_batch_kernel(
-            parts.least_product(robot.chain, robot.limits.positions), MEASURES_PER_LOOP, shared=1
-        )
+        return build_batch_kernel(parts.least_product(robot.chain, robot.limits.positions), MEASURES_PER_LOOP, shared=1)
     return build_batch_kernel(
         parts.penalised_product(robot.chain, robot.limits.positions, joint_limits),
         MEASURES_PER_LOOP,

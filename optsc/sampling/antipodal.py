@@ -75,9 +75,7 @@ def check_request(name: str, extents: Array, seed: int) -> None:
     if seed < 0:
         raise InvalidValue("seed", seed, "0 or above")
     if size > LARGEST:
-        raise InvalidValue(
-            f"longest side of {name}", size, f"{SMALLEST} to {LARGEST} m; is it in millimetres?"
-        )
+        raise InvalidValue(f"longest side of {name}", size, f"{SMALLEST} to {LARGEST} m; is it in millimetres?")
     if size < SMALLEST:
         raise InvalidValue(f"longest side of {name}", size, f"{SMALLEST} to {LARGEST} m; is it in metres?")
 
@@ -117,9 +115,7 @@ def gather(
     pool, quality = _measured(work, concatenate(rounds), rng, tally)
     chosen = spread_out(pool.X_OG, quality, settings.count, work.gripper.jaw_symmetric)
     tally.note("kept", pool.X_OG[chosen])
-    return Kept(
-        pool.X_OG[chosen], pool.contacts.width[chosen].astype(float), quality[chosen], len(rounds), tally
-    )
+    return Kept(pool.X_OG[chosen], pool.contacts.width[chosen].astype(float), quality[chosen], len(rounds), tally)
 
 
 def _measured(
@@ -198,9 +194,7 @@ def grasp_set(
     wanted = work.settings.count
     if len(kept.X_OG) < wanted:
         steps = ", ".join(f"{check}: {left}" for check, left in kept.tally.funnel.items())
-        provenance["reason"] = (
-            f"{len(kept.X_OG)} of {wanted} found in {kept.rounds} rounds; poses left after {steps}"
-        )
+        provenance["reason"] = f"{len(kept.X_OG)} of {wanted} found in {kept.rounds} rounds; poses left after {steps}"
     return GraspSet(
         object_name=name,
         object_hash=object_hash,

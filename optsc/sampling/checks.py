@@ -108,9 +108,7 @@ def feasible_grasps(work: Workpiece, X_OG: Pose, tally: Tally) -> FeasibleGrasps
         tally.note(name, X_OG)
     step = max(1, _CHUNK // len(work.surface.points))
     # One empty chunk at the least, so that there is something to concatenate.
-    chunks = [
-        _check_at_all_points(work, X_OG[i : i + step], tally) for i in range(0, max(len(X_OG), 1), step)
-    ]
+    chunks = [_check_at_all_points(work, X_OG[i : i + step], tally) for i in range(0, max(len(X_OG), 1), step)]
     return concatenate(chunks)
 
 
@@ -172,8 +170,7 @@ def _free(work: Workpiece, X_OG: Pose, points: Array) -> np.ndarray:
     boxes, margin = approach_boxes(work.gripper, work.settings.standoff), work.settings.clearance
     step = max(1, _CHUNK // len(points))
     free = [
-        ~collides(in_tool_frame(X_OG[i : i + step], points), boxes, (margin,) * 3)
-        for i in range(0, len(X_OG), step)
+        ~collides(in_tool_frame(X_OG[i : i + step], points), boxes, (margin,) * 3) for i in range(0, len(X_OG), step)
     ]
     return np.concatenate([np.zeros(0, dtype=bool), *free])
 

@@ -71,9 +71,7 @@ def closing_boxes(gripper: Gripper, opening: Array) -> Array:
 def lowest_point(X_OG: Pose, boxes: Array) -> Array:
     """Return the height in the object's frame (K,) [m] of the lowest corner of boxes (B, 2, 3) in T."""
     down = X_OG.rotation_matrix()[:, 2, None, :]
-    return X_OG.translation[:, 2] + np.minimum(down * boxes[:, 0], down * boxes[:, 1]).sum(axis=-1).min(
-        axis=1
-    )
+    return X_OG.translation[:, 2] + np.minimum(down * boxes[:, 0], down * boxes[:, 1]).sum(axis=-1).min(axis=1)
 
 
 def collides(points_T: np.ndarray, boxes: Array, margin: tuple[float, float, float]) -> np.ndarray:

@@ -176,9 +176,7 @@ def with_hidden_side(cloud: PointCloud, viewpoint: Array, neighbours: PointCloud
         hidden = view.hides(turned)
         if np.mean(~hidden & ~same) > _WORST:
             continue
-        score = float(
-            np.mean(np.where(same, 1.0 - 0.5 * off / _SAME, np.where(hidden, _HIDDEN, _SEEN_THROUGH)))
-        )
+        score = float(np.mean(np.where(same, 1.0 - 0.5 * off / _SAME, np.where(hidden, _HIDDEN, _SEEN_THROUGH))))
         if score > mark:
             best, mark = axis, score
     if best is None:

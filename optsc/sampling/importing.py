@@ -75,14 +75,10 @@ def _acronym(path: Path, gripper: Gripper, name: str, X_HG: Pose, object_hash: s
         off = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2))
         proper = (off <= _UNIT) & (np.linalg.det(R) > 0.0) & np.all(matrices[:, 3] == [0, 0, 0, 1], axis=1)
     if not proper.all():
-        raise InvalidValue(
-            f"{path}: grasps/transforms[{int(np.argmin(proper))}]", "no rigid motion", "R'R = 1, det 1"
-        )
+        raise InvalidValue(f"{path}: grasps/transforms[{int(np.argmin(proper))}]", "no rigid motion", "R'R = 1, det 1")
     held = entries["success"]
     if held is not None and (held.shape != (len(matrices),) or not np.all((held >= 0.0) & (held <= 1.0))):
-        raise InvalidValue(
-            f"{path}: quality_flex_object_in_gripper", held.shape, f"({len(matrices)},), 0 to 1"
-        )
+        raise InvalidValue(f"{path}: quality_flex_object_in_gripper", held.shape, f"({len(matrices)},), 0 to 1")
     facts = {key: entries[key] for key in ("object_file", "object_scale") if entries[key] is not None}
     return _imported(
         path,
@@ -107,9 +103,7 @@ def _hdf5(path: Path) -> dict[str, Any]:
     try:
         with h5py.File(path, "r") as file:
             if "grasps/transforms" not in file:
-                raise DamagedFile(
-                    path, "has no grasps/transforms, so it is not laid out as ACRONYM's files are"
-                )
+                raise DamagedFile(path, "has no grasps/transforms, so it is not laid out as ACRONYM's files are")
             success = "grasps/qualities/flex/object_in_gripper"
             older = "grasps/quality_flex_object_in_gripper"
             found = success if success in file else older if older in file else None
@@ -204,9 +198,7 @@ def _imported(
         if wrong.any():
             row = int(np.argmax(wrong))
             unit = "; is it in millimetres?" if field == "opening" and values[row] > 1.0 else ""
-            raise InvalidValue(
-                f"{path}: {field} of grasp {row + 1}", float(values[row]), f"0 to {top:g}{unit}"
-            )
+            raise InvalidValue(f"{path}: {field} of grasp {row + 1}", float(values[row]), f"0 to {top:g}{unit}")
     count = len(X_OG)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     return GraspSet(

@@ -76,9 +76,7 @@ def stored_set(directory: str | Path, name: str) -> GraspSet | None:
         return None
 
 
-def differences(
-    stored: GraspSet, mesh: TriangleMesh, gripper: Gripper, seed: int, settings: AntipodalSettings
-) -> str:
+def differences(stored: GraspSet, mesh: TriangleMesh, gripper: Gripper, seed: int, settings: AntipodalSettings) -> str:
     """Return in words what of stored grasps is not as asked for; empty where they are what is asked for.
 
     Sampled ones are if everything agrees that decides about their content, imported ones if they are of this very

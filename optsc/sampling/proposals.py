@@ -34,9 +34,7 @@ class ContactPairs(NamedTuple):
     """Distance of the two (C,) [m]."""
 
 
-def propose(
-    mesh: TriangleMesh, gripper: Gripper, settings: AntipodalSettings, rng: np.random.Generator
-) -> Pose:
+def propose(mesh: TriangleMesh, gripper: Gripper, settings: AntipodalSettings, rng: np.random.Generator) -> Pose:
     """Return poses X_OG (K,) of one round of antipodal sampling; nothing else about them is checked.
 
     From random points of the surface, rays go inwards within the friction cone. Wherever one comes out again,
@@ -106,9 +104,7 @@ def _around(axes: Array, angle: Array) -> Array:
     return np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(axes, u)
 
 
-def exits(
-    mesh: TriangleMesh, origins: Array, directions: Array, longest: float
-) -> tuple[np.ndarray, Array, Array]:
+def exits(mesh: TriangleMesh, origins: Array, directions: Array, longest: float) -> tuple[np.ndarray, Array, Array]:
     """Return every crossing of rays (M, 3) through the surface from inside to outside.
 
     Returns:
@@ -119,8 +115,7 @@ def exits(
     """
     step = max(1, _CHUNK // len(mesh.faces))
     found = [
-        _exits(mesh, origins[i : i + step], directions[i : i + step], longest, i)
-        for i in range(0, len(origins), step)
+        _exits(mesh, origins[i : i + step], directions[i : i + step], longest, i) for i in range(0, len(origins), step)
     ]
     rays, distances, normals = zip(*found, strict=True)
     return np.concatenate(rays), np.concatenate(distances), np.concatenate(normals)
@@ -140,15 +135,7 @@ def _exits(
     t = (plane - thin_product(origins, normal.T)) / np.where(usable, leaving, 1.0)
     square = np.maximum(np.einsum("fi,fi->f", normal, normal), 1e-300)
     u_axis, v_axis = np.cross(ac, normal) / square[:, None], np.cross(normal, ab) / square[:, None]
-    u = (
-        thin_product(origins, u_axis.T)
-        - np.einsum("fi,fi->f", a, u_axis)
-        + t * thin_product(directions, u_axis.T)
-    )
-    v = (
-        thin_product(origins, v_axis.T)
-        - np.einsum("fi,fi->f", a, v_axis)
-        + t * thin_product(directions, v_axis.T)
-    )
+    u = thin_product(origins, u_axis.T) - np.einsum("fi,fi->f", a, u_axis) + t * thin_product(directions, u_axis.T)
+    v = thin_product(origins, v_axis.T) - np.einsum("fi,fi->f", a, v_axis) + t * thin_product(directions, v_axis.T)
     ray, face = np.nonzero(usable & (t > 1e-6) & (t <= longest) & (u >= 0) & (v >= 0) & (u + v <= 1))
     return ray + offset, t[ray, face], normal[face] / np.sqrt(square[face])[:, None]

@@ -55,9 +55,7 @@ def hold_quality(coverage: Array, lever: Array, spare: Array, settings: Antipoda
 def hold_of(work: Workpiece, grasps: FeasibleGrasps) -> Array:
     """Return `hold_quality` (K,) of feasible grasps."""
     spare = work.gripper.max_opening - grasps.contacts.width
-    return hold_quality(
-        grasps.contacts.coverage, lever(grasps.X_OG, work.centre_of_mass), spare, work.settings
-    )
+    return hold_quality(grasps.contacts.coverage, lever(grasps.X_OG, work.centre_of_mass), spare, work.settings)
 
 
 def resisted_share(work: Workpiece, grasps: FeasibleGrasps) -> Array:

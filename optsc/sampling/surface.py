@@ -120,9 +120,7 @@ class Measured(NamedTuple):
     """Root mean square distance of the points from the planes through their neighbourhoods, median [m]."""
 
 
-def measured_surface(
-    cloud: PointCloud, spacing: float, name: str, viewpoint: Array | None = None
-) -> Measured:
+def measured_surface(cloud: PointCloud, spacing: float, name: str, viewpoint: Array | None = None) -> Measured:
     """Return the surface that a cloud shows.
 
     One point for each cube of ``spacing`` [m], moved onto the plane through its neighbours, which takes most of
@@ -145,9 +143,7 @@ def measured_surface(
     near &= np.einsum("ni,nki->nk", hints, hints[np.where(near, index, 0)]) >= 0.0
     firm = near.sum(axis=1) >= min(_LONELY, count)
     if firm.sum() < FEWEST:
-        raise InvalidValue(
-            f"connected points of {name}", int(firm.sum()), f"at least {FEWEST}, {spacing} m apart"
-        )
+        raise InvalidValue(f"connected points of {name}", int(firm.sum()), f"at least {FEWEST}, {spacing} m apart")
     centre, normals, rough = _planes(points, index, near)
     areas = _areas(tree, points, spacing)
     flat = points - np.einsum("ni,ni->n", points - centre, normals)[:, None] * normals

@@ -73,8 +73,7 @@ def table(entries: tuple[CandidateRow, ...], limit: int | None = None) -> str:
         lines.append((row.object_name, rank, grasp, *costs, row.removed_by or "chosen"))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        for line in lines
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
     )
 
 
@@ -88,9 +87,7 @@ def of_object(decision: Decision, k: int) -> str:
     count = f"{total} candidate{'' if total == 1 else 's'}"
     order = decision.order(k).tolist()
     if not order:
-        return (
-            f"{name}: no grasp. {count}, {f'all rejected: {rejections}' if total else 'it has none stored'}."
-        )
+        return f"{name}: no grasp. {count}, {f'all rejected: {rejections}' if total else 'it has none stored'}."
     turn = ", turned by half a turn" if decision.half_turn(order[0]) else ""
     lines = [
         f"{name}: {_grasp(decision, order[0])}{turn}. {_sentence(decision, order[0])}",

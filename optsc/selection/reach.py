@@ -182,9 +182,7 @@ class ReachSolver(Checked):
         """
         return self._solved(table, np.asarray(rows, dtype=np.int64), _checked(q), clear)
 
-    def _solved(
-        self, table: ReachTable, rows: np.ndarray, here: Array, clear: ClearRows | None
-    ) -> ReachTable:
+    def _solved(self, table: ReachTable, rows: np.ndarray, here: Array, clear: ClearRows | None) -> ReachTable:
         """Return the table with some rows solved again from the configuration ``here`` (n,)."""
         if not len(rows):
             return table
@@ -201,9 +199,7 @@ class ReachSolver(Checked):
         status[found] = UNREACHABLE
         if self.motion is not None and len(found):
             # The configuration at the end of the line is the one the arm would have; another solution would not do.
-            end, reached = self.motion.approach(
-                q_pregrasp[found], _flat(table.X_WP, rows[found]), table.standoff
-            )
+            end, reached = self.motion.approach(q_pregrasp[found], _flat(table.X_WP, rows[found]), table.standoff)
             q_grasp[found[reached]] = end[reached]
             status[found[reached]] = REACHED
             found = found[~reached]
@@ -232,9 +228,7 @@ class ReachSolver(Checked):
         status = np.where(status == COLLISION, REACHED, status).astype(np.int8)
         return self._judged(table, rows, _Found(q_grasp, q_pregrasp, status, seeds), clear)
 
-    def _judged(
-        self, table: ReachTable, rows: np.ndarray, found: _Found, clear: ClearRows | None
-    ) -> ReachTable:
+    def _judged(self, table: ReachTable, rows: np.ndarray, found: _Found, clear: ClearRows | None) -> ReachTable:
         """Return the table with what was found for some rows, checked for collisions and measured."""
         q_grasp, q_pregrasp, status, seeds = found
         usable = np.flatnonzero(status == REACHED)
@@ -286,9 +280,7 @@ class ReachSolver(Checked):
 def _twin_poses(candidates: Candidates) -> Pose:
     stored = candidates.X_WG
     poses = [stored, stored @ HALF_TURN] if candidates.jaw_symmetric else [stored]
-    return Pose(
-        np.stack([p.quaternion for p in poses], axis=1), np.stack([p.translation for p in poses], axis=1)
-    )
+    return Pose(np.stack([p.quaternion for p in poses], axis=1), np.stack([p.translation for p in poses], axis=1))
 
 
 def _checked(q: ArrayLike) -> Array:

@@ -107,9 +107,7 @@ class StraightMotion(Checked):
     def _line(self, q: Array, start: Pose, end: Pose) -> StraightLineRollout:
         from optsc.robot.rollout import straight_line_rollout
 
-        return straight_line_rollout(
-            self.robot, q, start, end, speed=self.speed, angular_speed=self.angular_speed
-        )
+        return straight_line_rollout(self.robot, q, start, end, speed=self.speed, angular_speed=self.angular_speed)
 
 
 def _spread(line: StraightLineRollout, count: int) -> Array:
@@ -133,9 +131,7 @@ def require_measurable(columns: frozenset[str], motion: StraightMotion | None, c
         if name in ON_THE_PATH and motion is None:
             raise InvalidValue(f"motion for the {name}", None, "a StraightMotion")
         if name in (CLEARANCE, PATH_CLEARANCE) and not isinstance(clear, DistanceCheck):
-            raise InvalidValue(
-                f"collision check for the {name}", clear, "one that knows distances: GraspClearance"
-            )
+            raise InvalidValue(f"collision check for the {name}", clear, "one that knows distances: GraspClearance")
 
 
 class ReachedRows(NamedTuple):

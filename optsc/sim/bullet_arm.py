@@ -30,9 +30,7 @@ class BulletArm:
         InvalidValue: the description lacks a joint of the arm or of its jaws.
     """
 
-    def __init__(
-        self, client: int, robot: RobotModel, settings: PhysicsSettings, *, visible: bool = False
-    ) -> None:
+    def __init__(self, client: int, robot: RobotModel, settings: PhysicsSettings, *, visible: bool = False) -> None:
         self._client, self._robot, self._settings = client, robot, settings
         self.body = add_robot(client, robot, visible=visible)
         self._find_joints()
@@ -98,9 +96,7 @@ class BulletArm:
             return
         self._opening_target = opening
         settings = self._settings
-        drive_jaws(
-            self._client, self.body, self.fingers, opening, settings.jaw_force, 0.5 * settings.jaw_speed
-        )
+        drive_jaws(self._client, self.body, self.fingers, opening, settings.jaw_force, 0.5 * settings.jaw_speed)
 
     def state(self) -> tuple[Array, Array]:
         """Return positions (n,) [rad] and velocities (n,) [rad/s] of the joints."""
@@ -155,9 +151,7 @@ def couple(client: int, body: int, fingers: Sequence[int]) -> None:
     pybullet.changeConstraint(gear, gearRatio=-1, erp=1.0, maxForce=1000, physicsClientId=client)
 
 
-def drive_jaws(
-    client: int, body: int, fingers: Sequence[int], opening: float, force: float, speed: float
-) -> None:
+def drive_jaws(client: int, body: int, fingers: Sequence[int], opening: float, force: float, speed: float) -> None:
     """Let the jaws move towards ``opening`` [m] from now on.
 
     Args:

@@ -138,9 +138,7 @@ def add_object(client: int, model: ObjectModel, X_WO: Pose, *, visible: bool = F
 def _multibody(client: int, model: ObjectModel, X_WO: Pose, X_OM: Pose, folder: Path, visible: bool) -> int:
     touched, seen = folder / "parts.obj", folder / "mesh.obj"
     touched.write_text(_collision_text(model))
-    collision = pybullet.createCollisionShape(
-        pybullet.GEOM_MESH, fileName=str(touched), physicsClientId=client
-    )
+    collision = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(touched), physicsClientId=client)
     visual = -1
     if visible:
         seen.write_text(wavefront([model.mesh]))
@@ -201,9 +199,7 @@ def add_robot(client: int, robot: RobotModel, *, visible: bool = False) -> int:
         if link.find("inertial") is None:  # PyBullet would take 1 kg and 1 kg m^2
             inertial = ElementTree.SubElement(link, "inertial")
             ElementTree.SubElement(inertial, "mass", value="0")
-            ElementTree.SubElement(
-                inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0")
-            )
+            ElementTree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "robot.urdf")
         ElementTree.ElementTree(root).write(path)
@@ -211,7 +207,6 @@ def add_robot(client: int, robot: RobotModel, *, visible: bool = False) -> int:
             str(path),
             basePosition=[0.0, 0.0, 0.0],
             useFixedBase=True,
-            flags=pybullet.URDF_USE_INERTIA_FROM_FILE
-            | (0 if visible else pybullet.URDF_IGNORE_VISUAL_SHAPES),
+            flags=pybullet.URDF_USE_INERTIA_FROM_FILE | (0 if visible else pybullet.URDF_IGNORE_VISUAL_SHAPES),
             physicsClientId=client,
         )

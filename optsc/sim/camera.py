@@ -33,9 +33,7 @@ DEFAULT_CAMERA = PinholeCamera.from_field_of_view(640, 480, 0.75)
 """640 x 480 pixels, 43 degrees high: as common depth cameras for tables have it."""
 
 
-def view_of_table(
-    robot: RobotModel, *, azimuth: float = 0.55, elevation: float = 0.75, distance: float = 0.85
-) -> Pose:
+def view_of_table(robot: RobotModel, *, azimuth: float = 0.55, elevation: float = 0.75, distance: float = 0.85) -> Pose:
     """Return X_WC of a camera across the table from the arm that looks at where objects stand.
 
     Args:

@@ -121,9 +121,7 @@ class _SettlingTable:
             )
         self._X_OM = [bullet_bodies.inertia(m.mesh, m.mass).X_OM for m in models]
 
-    def put_down(
-        self, robot: RobotModel, rng: np.random.Generator, lying: float, gap: float, spread: float
-    ) -> bool:
+    def put_down(self, robot: RobotModel, rng: np.random.Generator, lying: float, gap: float, spread: float) -> bool:
         """Put the objects at random places, the largest first, and tell whether all found one."""
         band = comfortable_band(robot)
         radius = spread * AREA_RADIUS * np.sqrt(len(self._models) / 4.0)
@@ -150,8 +148,7 @@ class _SettlingTable:
     def _free(self, i: int, gap: float) -> bool:
         others = [body for body in self._bodies if body != self._bodies[i]]
         return not any(
-            pybullet.getClosestPoints(self._bodies[i], other, gap, physicsClientId=self._client)
-            for other in others
+            pybullet.getClosestPoints(self._bodies[i], other, gap, physicsClientId=self._client) for other in others
         )
 
     def settled(self) -> bool:

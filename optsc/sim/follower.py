@@ -34,9 +34,7 @@ class PyBulletFollower:
         InvalidValue: see `Physics`.
     """
 
-    def __init__(
-        self, world: Tabletop, gui: bool = False, *, settings: PhysicsSettings | None = None
-    ) -> None:
+    def __init__(self, world: Tabletop, gui: bool = False, *, settings: PhysicsSettings | None = None) -> None:
         self.world = world
         self._physics: Physics | None = Physics(world, gui=gui, settings=settings)
         self._last = self._at_rest(world.robot.home)

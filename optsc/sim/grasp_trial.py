@@ -107,9 +107,7 @@ def settled(model: ObjectModel, X_WO: Pose, settings: TrialSettings) -> Pose:
     moved = _distance(before, after), float(rotation.angle(before.quaternion, after.quaternion))
     if moved[0] > _STEADY[0] or moved[1] > _STEADY[1]:
         text = f"moved by {1e3 * moved[0]:.1f} mm and {moved[1]:.2f} rad when put down"
-        raise InvalidValue(
-            f"rest of {model.name}", text, f"at most {1e3 * _STEADY[0]:.0f} mm, {_STEADY[1]} rad"
-        )
+        raise InvalidValue(f"rest of {model.name}", text, f"at most {1e3 * _STEADY[0]:.0f} mm, {_STEADY[1]} rad")
     return after @ before.inverse() @ X_WO
 
 
@@ -122,9 +120,7 @@ def trial(model: ObjectModel, X_WO: Pose, X_OG: Pose, settings: TrialSettings) -
 class _GraspTrial:
     """One grasp from the hand above the object to the object shaken in the hand."""
 
-    def __init__(
-        self, client: int, model: ObjectModel, X_WO: Pose, X_WG: Pose, settings: TrialSettings
-    ) -> None:
+    def __init__(self, client: int, model: ObjectModel, X_WO: Pose, X_WG: Pose, settings: TrialSettings) -> None:
         self._client, self._settings, self._X_WG = client, settings, X_WG
         self._back = X_WG @ Pose.from_translation([0.0, 0.0, -settings.standoff])
         self._object = add_object(client, model, X_WO)
@@ -238,9 +234,7 @@ class FloatingHand:
         }
         self.fingers = [joints[name] for name in PANDA_HAND.finger_joints]
         for finger in self.fingers:
-            pybullet.resetJointState(
-                self.body, finger, 0.5 * PANDA_HAND.max_opening, 0.0, physicsClientId=client
-            )
+            pybullet.resetJointState(self.body, finger, 0.5 * PANDA_HAND.max_opening, 0.0, physicsClientId=client)
         prepare_pads(client, self.body, self.fingers, settings.pad_friction, settings.pad_torsion)
         couple(client, self.body, self.fingers)
         nowhere = [0.0, 0.0, 0.0]
@@ -252,18 +246,14 @@ class FloatingHand:
     def hold(self, X_WT: Pose) -> None:
         """Pull the hand to a pose from now on."""
         position, orientation = bullet_pose(X_WT @ self._X_HT.inverse())
-        pybullet.changeConstraint(
-            self._grip, position, orientation, maxForce=_PULL, physicsClientId=self._client
-        )
+        pybullet.changeConstraint(self._grip, position, orientation, maxForce=_PULL, physicsClientId=self._client)
 
     def follow(self, poses: Pose) -> None:
         """Step the simulation once for each of ``poses`` (S,), the hand pulled to it."""
         X_WH = poses @ self._X_HT.inverse()
         positions, orientations = X_WH.translation.tolist(), np.roll(X_WH.quaternion, -1, axis=-1).tolist()
         for position, orientation in zip(positions, orientations, strict=True):
-            pybullet.changeConstraint(
-                self._grip, position, orientation, maxForce=_PULL, physicsClientId=self._client
-            )
+            pybullet.changeConstraint(self._grip, position, orientation, maxForce=_PULL, physicsClientId=self._client)
             pybullet.stepSimulation(physicsClientId=self._client)
 
     def move_jaws(self, opening: float, speed: float) -> None:

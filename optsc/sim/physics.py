@@ -30,9 +30,7 @@ class Physics(BulletClient):
         InvalidValue: a window where there is no display, or a joint that the arm's description lacks.
     """
 
-    def __init__(
-        self, world: Tabletop, *, gui: bool = False, settings: PhysicsSettings | None = None
-    ) -> None:
+    def __init__(self, world: Tabletop, *, gui: bool = False, settings: PhysicsSettings | None = None) -> None:
         super().__init__(gui)
         self.world, self.settings, self._gui = world, settings or PhysicsSettings(), gui
         try:
@@ -127,9 +125,7 @@ class Physics(BulletClient):
     def poses(self) -> dict[str, Pose]:
         """Return X_WO of every object."""
         client = self.client
-        frames = [
-            pybullet.getBasePositionAndOrientation(b, physicsClientId=client) for b in self._bodies.values()
-        ]
+        frames = [pybullet.getBasePositionAndOrientation(b, physicsClientId=client) for b in self._bodies.values()]
         if not frames:
             return {}
         p, xyzw = np.array([f[0] for f in frames]), np.array([f[1] for f in frames])

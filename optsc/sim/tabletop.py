@@ -37,9 +37,7 @@ class Tabletop:
 
     def __post_init__(self) -> None:
         if tuple(self.objects) != tuple(self.X_WO):
-            raise InvalidValue(
-                "objects with a pose", list(self.X_WO), f"the objects, in order: {list(self.objects)}"
-            )
+            raise InvalidValue("objects with a pose", list(self.X_WO), f"the objects, in order: {list(self.objects)}")
         for field in ("objects", "X_WO"):
             object.__setattr__(self, field, MappingProxyType(dict(getattr(self, field))))
 
@@ -82,17 +80,11 @@ def tabletop(
     places = _arranged(apart, band, rng)
     if places is None:
         room = f"{band.inner:.2f} to {band.outer:.2f} m from the base, {HALF_ANGLE} rad to both sides"
-        valid = (
-            f"fewer or smaller ones: {room}, {apart.min():.2f} to {apart.max():.2f} m apart, they do not fit"
-        )
+        valid = f"fewer or smaller ones: {room}, {apart.min():.2f} to {apart.max():.2f} m apart, they do not fit"
         raise InvalidValue("objects", names, valid)
     yaws = rng.uniform(-np.pi, np.pi, len(models))
-    poses = [
-        Pose.from_rotation_vector([0.0, 0.0, yaw], [*p, 0.0]) for yaw, p in zip(yaws, places, strict=True)
-    ]
-    return Tabletop(
-        robot, dict(zip(names, models, strict=True)), dict(zip(names, poses, strict=True)), int(seed)
-    )
+    poses = [Pose.from_rotation_vector([0.0, 0.0, yaw], [*p, 0.0]) for yaw, p in zip(yaws, places, strict=True)]
+    return Tabletop(robot, dict(zip(names, models, strict=True)), dict(zip(names, poses, strict=True)), int(seed))
 
 
 def _arranged(apart: Array, band: Band, rng: np.random.Generator) -> Array | None:

@@ -82,9 +82,7 @@ def comfortable_band(robot: RobotModel) -> Band:
         found[missing] = _reached(robot, grasps[missing], q)
     within = np.flatnonzero(found.mean(axis=1) >= NEEDED_SHARE)
     if len(within) == 0:
-        raise InvalidValue(
-            "robot", robot.name, "an arm that reaches the table around its base from top and side"
-        )
+        raise InvalidValue("robot", robot.name, "an arm that reaches the table around its base from top and side")
     run = max(np.split(within, np.flatnonzero(np.diff(within) > 1) + 1), key=len)
     nearest, farthest = _RADII[run[0]], _RADII[run[-1]]
     middle, depth = 0.5 * (nearest + farthest), min(0.6 * (farthest - nearest), LARGEST_DEPTH)

@@ -40,9 +40,7 @@ MARGIN = 1e-6
 
 def approach_conditions(measures: Sequence[str] | None = None) -> tuple[Condition, ...]:
     """Return both strategies under each definition of M, by default all of `DEFINITIONS`; raise `UnknownName`."""
-    return tuple(
-        strategy.with_measure(name) for name, strategy in product(measures or DEFINITIONS, STRATEGIES)
-    )
+    return tuple(strategy.with_measure(name) for name, strategy in product(measures or DEFINITIONS, STRATEGIES))
 
 
 class StrategyPair(NamedTuple):
@@ -54,9 +52,7 @@ class StrategyPair(NamedTuple):
     @property
     def complete(self) -> bool:
         """Whether both arrived at a grasp of the same object."""
-        return bool(
-            self.paper["arrived"] and self.other["arrived"] and self.paper["object"] == self.other["object"]
-        )
+        return bool(self.paper["arrived"] and self.other["arrived"] and self.paper["object"] == self.other["object"])
 
     @property
     def same_grasp(self) -> bool:
@@ -73,9 +69,7 @@ def pairs_of(rows: Sequence[Row], robot: str, measure: str) -> list[StrategyPair
             case = (row["scene"], row["person"], row["person_seed"])
             sides.setdefault(case, {})[row["condition"]] = row
     names = [strategy.name for strategy in STRATEGIES]
-    return [
-        StrategyPair(*(side[name] for name in names)) for side in sides.values() if set(names) <= set(side)
-    ]
+    return [StrategyPair(*(side[name] for name in names)) for side in sides.values() if set(names) <= set(side)]
 
 
 class StrategyComparison(NamedTuple):
@@ -101,9 +95,7 @@ class StrategyComparison(NamedTuple):
 
 def compare(rows: Sequence[Row], seed: int = 0) -> list[StrategyComparison]:
     """Return the comparison for each arm and definition of M in ``rows``; ``seed`` is of the bootstrap."""
-    return [
-        _compared(robot, measure, pairs_of(rows, robot, measure), seed) for robot, measure in _factors(rows)
-    ]
+    return [_compared(robot, measure, pairs_of(rows, robot, measure), seed) for robot, measure in _factors(rows)]
 
 
 def _factors(rows: Sequence[Row]) -> list[tuple[str, str]]:

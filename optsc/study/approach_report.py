@@ -106,8 +106,7 @@ def _forest(comparisons: Sequence[StrategyComparison]) -> Picture:
     by_place = {(c.robot, c.measure): c for c in comparisons}
     panels = {
         UNITS.get(part, part): {
-            robot: [Estimate(*by_place[robot, m].differences[name].mean) for m in measures]
-            for robot in robots
+            robot: [Estimate(*by_place[robot, m].differences[name].mean) for m in measures] for robot in robots
         }
         for part, (name, _) in CLAIMS.items()
     }
@@ -181,9 +180,7 @@ def _failure_tables(failed: Sequence[Failure]) -> list[Table | str]:
     ]
 
 
-def _explained(
-    failed: Sequence[Failure], scenes: Mapping[str, Scene], settings: EpisodeSettings
-) -> list[Table]:
+def _explained(failed: Sequence[Failure], scenes: Mapping[str, Scene], settings: EpisodeSettings) -> list[Table]:
     lines = []
     for failure in _distinct(failed)[:EXPLAINED]:
         paper = failure.pair.paper

@@ -115,9 +115,7 @@ def policy_condition(text: str) -> PolicyCondition:
         try:
             inspect.signature(policy).bind()
         except (TypeError, ValueError) as error:
-            raise InvalidValue(
-                text, policy, f"something that can be called without arguments ({error})"
-            ) from None
+            raise InvalidValue(text, policy, f"something that can be called without arguments ({error})") from None
         policy = policy()
     missing = [name for name in _POLICY if not hasattr(policy, name)]
     if missing:

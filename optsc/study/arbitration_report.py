@@ -158,15 +158,11 @@ def text_table(rows: Sequence[Row]) -> str:
         for name, of_policy in _policies(arm).items():
             columns = ("success", "grasp_s", "effort_m", "jump_velocity_m_s", "jump_acceleration_m_s2")
             success, time, effort, jump, peak = (mean_of(_of_scenes(of_policy, c)) for c in columns)
-            lines.append(
-                f"{name:<22} {100.0 * success:5.0f} %  {time:6.2f}  {effort:6.2f}  {jump:14.4f}  {peak:9.2f}"
-            )
+            lines.append(f"{name:<22} {100.0 * success:5.0f} %  {time:6.2f}  {effort:6.2f}  {jump:14.4f}  {peak:9.2f}")
     return "\n".join(lines)
 
 
-def build(
-    rows: Sequence[Row], command: str, seed: int = 0, jobs: Sequence[Job[PolicyCondition]] = ()
-) -> Report:
+def build(rows: Sequence[Row], command: str, seed: int = 0, jobs: Sequence[Job[PolicyCondition]] = ()) -> Report:
     """Return the report on all policies in ``rows``, arm by arm; one of the ``jobs`` is run again to be drawn."""
     report = Report(
         "Arbitration policies on the same scenes and people",
@@ -181,15 +177,11 @@ def build(
         policies = _policies(arm)
         used = {name: title for name, title in MODE_TITLES.items() if arm[name].any()}
         picture = _picture(policies, seed, f"policies{suffix}")
-        report.add(
-            f"Success, time, effort{where}", picture, _table(policies, MEASURE_TITLES, seed, success=True)
-        )
+        report.add(f"Success, time, effort{where}", picture, _table(policies, MEASURE_TITLES, seed, success=True))
         report.add(f"Against the paper's policy{where}", *_differences(arm, seed))
         report.add(f"Smoothness{where}", _HOW_SMOOTH, _table(policies, SMOOTHNESS_TITLES, seed))
         report.add(f"Time in each mode{where}", _table(policies, used, seed))
-        report.add(
-            f"Jumps at changes of mode{where}", _HOW_JUMPS, _table(policies, JUMP_TITLES, seed, worst=True)
-        )
+        report.add(f"Jumps at changes of mode{where}", _HOW_JUMPS, _table(policies, JUMP_TITLES, seed, worst=True))
     report.add("One case in detail", *_motions(rows, jobs))
     return report
 

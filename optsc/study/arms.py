@@ -44,15 +44,11 @@ class Arm:
 
     def __post_init__(self) -> None:
         if self.name in ROBOT_NAMES:
-            raise InvalidValue(
-                "name of an arm", self.name, f"none of the catalogue's: {', '.join(ROBOT_NAMES)}"
-            )
+            raise InvalidValue("name of an arm", self.name, f"none of the catalogue's: {', '.join(ROBOT_NAMES)}")
         home = None if self.home is None else np.array(self.home, dtype=float)
         limits = {name: np.array(value, dtype=float) for name, value in self.limits.items()}
         object.__setattr__(self, "file_hash", _file_hash(self.urdf))
-        object.__setattr__(
-            self, "key", fingerprint([self.name, self.file_hash, self.tip, self.gripper, home, limits])
-        )
+        object.__setattr__(self, "key", fingerprint([self.name, self.file_hash, self.tip, self.gripper, home, limits]))
 
     def load(self) -> RobotModel:
         """Return the arm.
@@ -62,9 +58,7 @@ class Arm:
         found = _file_hash(self.urdf)
         if found != self.file_hash:
             raise Mismatch(f"description of {self.name}, {self.urdf}", self.file_hash[:12], found[:12])
-        return load_robot(
-            self.urdf, self.tip, gripper=self.gripper, home=self.home, limits=dict(self.limits) or None
-        )
+        return load_robot(self.urdf, self.tip, gripper=self.gripper, home=self.home, limits=dict(self.limits) or None)
 
 
 def _file_hash(path: str | Path) -> str:

@@ -122,9 +122,7 @@ class Cases(Checked):
         for kind in self.people:
             if OperatorSpec(kind).steps_in:
                 valid = [name for name in TYPES if not OperatorSpec(name).steps_in]
-                raise InvalidValue(
-                    "people", kind, f"those who do not step in during the motion: {', '.join(valid)}"
-                )
+                raise InvalidValue("people", kind, f"those who do not step in during the motion: {', '.join(valid)}")
         return self.policy_jobs(conditions)
 
     def policy_jobs(self, conditions: Sequence[C]) -> list[Job[C]]:

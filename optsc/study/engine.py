@@ -126,9 +126,7 @@ class Engine:
 
     def __init__(self, scene: Scene, person: OperatorSpec, settings: EpisodeSettings | None = None) -> None:
         if person.steps_in:
-            raise InvalidValue(
-                "person", person.kind, "one who does not step in on the way, see `optsc.people.TYPES`"
-            )
+            raise InvalidValue("person", person.kind, "one who does not step in on the way, see `optsc.people.TYPES`")
         self.setup, self.person = EpisodeSetup(scene, settings or EpisodeSettings()), person
         self.key = episode_key(scene, person, self.setup.settings)
         self._phase: ManualPhase | None = None

@@ -77,9 +77,7 @@ def controller_with(
 ) -> SharedController:
     """Return a controller that chooses by ``selector``, with the simulated operators' mapping of the hand."""
     clutch = ClutchSettings(R_WS=R_WS_DEFAULT)
-    return SharedController(
-        selector.robot, selector, arbitration=arbitration, approach=approach, clutch=clutch
-    )
+    return SharedController(selector.robot, selector, arbitration=arbitration, approach=approach, clutch=clutch)
 
 
 @lru_cache(maxsize=4)
@@ -98,9 +96,7 @@ def episode_key(scene: Scene, person: OperatorSpec, settings: EpisodeSettings) -
     grasps = grasps_hash(robot, tuple(scene.object_models().values()), settings.library)
     # The same grasps from another folder are the same grasps.
     shared = {f.name: plain(getattr(settings, f.name)) for f in fields(settings) if f.name != "library"}
-    return fingerprint(
-        [ENGINE, optsc.__version__, scene.hash, grasps, person.describe(), shared, limits, robot.home]
-    )
+    return fingerprint([ENGINE, optsc.__version__, scene.hash, grasps, person.describe(), shared, limits, robot.home])
 
 
 class EpisodeSetup:

@@ -167,9 +167,7 @@ def _source(thing: Coded) -> str:
     try:
         lines = inspect.getsource(thing).splitlines()
         file = inspect.getsourcefile(thing) or ""
-        written = list(
-            _parts(compile("".join(inspect.findsource(thing)[0]), file, "exec", dont_inherit=True))
-        )
+        written = list(_parts(compile("".join(inspect.findsource(thing)[0]), file, "exec", dont_inherit=True)))
     except (OSError, TypeError, SyntaxError):
         return ""
     # What a decorator such as that of dataclasses made has no file.

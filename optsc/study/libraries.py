@@ -40,9 +40,7 @@ def library_of(
 @lru_cache(maxsize=64)
 def _sampled(gripper: Gripper, model: ObjectModel) -> GraspSet:
     directory = cache_directory("grasps")
-    return build_library({model.name: model.mesh}, gripper, seed=LIBRARY_SEED, directory=directory)[
-        model.name
-    ]
+    return build_library({model.name: model.mesh}, gripper, seed=LIBRARY_SEED, directory=directory)[model.name]
 
 
 @lru_cache(maxsize=8)
@@ -56,9 +54,7 @@ def _state(directory: Path) -> tuple[tuple[str, int, int], ...]:
     return tuple((name, stat.st_mtime_ns, stat.st_size) for name, stat in found)
 
 
-def grasps_hash(
-    robot: RobotModel, objects: Sequence[str | ObjectModel], directory: str | Path | None = None
-) -> str:
+def grasps_hash(robot: RobotModel, objects: Sequence[str | ObjectModel], directory: str | Path | None = None) -> str:
     """Return a hash of every grasp that `library_of` gives, wherever they come from."""
     library = library_of(robot, objects, directory)
     return fingerprint([_hash(library[name]) for name in sorted(library)])

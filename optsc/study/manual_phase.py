@@ -152,9 +152,7 @@ class _NoMarkers(Display):
 
 class _Unseen(Mapping[str, Pose]):
     def _refuse(self) -> NoReturn:
-        raise InvalidValue(
-            "operator", "one that looks at the grasps shown", "one that moves the same under every rule"
-        )
+        raise InvalidValue("operator", "one that looks at the grasps shown", "one that moves the same under every rule")
 
     def __getitem__(self, name: str) -> Pose:
         self._refuse()

@@ -106,9 +106,7 @@ class Scene:
         if self.arm is not None and self.robot != self.arm.name:
             raise InvalidValue("robot", self.robot, f"the name of its arm, {self.arm.name!r}")
         if len(set(self.objects)) != len(self.objects) or len(self.objects) != len(self.places):
-            raise InvalidValue(
-                "objects and places", (self.objects, self.places), "each object once, with a place"
-            )
+            raise InvalidValue("objects and places", (self.objects, self.places), "each object once, with a place")
         known = (*OBJECT_NAMES, *(model.name for model in self.models))
         for name in self.objects:
             if name not in known:
@@ -189,9 +187,7 @@ def _kept(content: _Content) -> ObjectModel:
 
 
 def _content(model: ObjectModel) -> str:
-    return fingerprint(
-        [model.name, model.mesh.hash, [p.hash for p in model.parts], model.mass, model.friction]
-    )
+    return fingerprint([model.name, model.mesh.hash, [p.hash for p in model.parts], model.mass, model.friction])
 
 
 def random_scene(
@@ -220,9 +216,7 @@ def random_scene(
     if isinstance(objects, int):
         if not 1 <= objects <= len(OBJECT_NAMES):
             raise InvalidValue("number of objects", objects, f"1 to {len(OBJECT_NAMES)}")
-        chosen: Sequence[str | ObjectModel] = sorted(
-            rng.choice(OBJECT_NAMES, objects, replace=False).tolist()
-        )
+        chosen: Sequence[str | ObjectModel] = sorted(rng.choice(OBJECT_NAMES, objects, replace=False).tolist())
     else:
         chosen = tuple(objects)
     if not chosen:
@@ -269,8 +263,7 @@ def grade(scene: Scene) -> Grade:
     picked = np.linspace(0, len(grasps) - 1, PROBES).astype(int)
     found = solve_ik(robot, X_WO[scene.goal] @ grasps[picked], seeds=robot.home, restarts=4)
     shares = [
-        limit_margins(q[None], robot.limits.lower, robot.limits.upper).least_share
-        for q in found.q[found.success]
+        limit_margins(q[None], robot.limits.lower, robot.limits.upper).least_share for q in found.q[found.success]
     ]
     margin = float(np.median(shares)) if shares else 0.0
     gap = float(gaps.min()) if len(gaps) > 1 else float("inf")

@@ -225,9 +225,7 @@ def _start(rng: np.random.Generator, robot: RobotModel) -> _Start:
     q, v, kind = robot.random_configuration(rng), np.zeros(robot.n), rng.random()
     lower, upper = robot.limits.sampling
     if kind < 0.2:
-        q = q + rng.uniform(-1.0, 1.0, robot.n) * np.where(
-            rng.random(robot.n) < 0.3, 0.5 * (upper - lower), 0
-        )
+        q = q + rng.uniform(-1.0, 1.0, robot.n) * np.where(rng.random(robot.n) < 0.3, 0.5 * (upper - lower), 0)
         q = np.clip(q, lower - OUTSIDE, upper + OUTSIDE)
     elif kind < 0.4:
         # A moving start may be unable to stop in time, so its position limits are not checked.
@@ -331,9 +329,7 @@ def run_episode(
         "streams": used,
     }
     found = _violations(servo, start, commands)
-    return SoakEpisode(
-        number, about, len(commands), found, exception, Counter(c.status.name for c in commands)
-    )
+    return SoakEpisode(number, about, len(commands), found, exception, Counter(c.status.name for c in commands))
 
 
 def soak(

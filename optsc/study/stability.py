@@ -46,13 +46,10 @@ def perturbed(rule: RankingRule, size: float, rng: np.random.Generator) -> Ranki
     Rules that have neither come back as they are.
     """
     if isinstance(rule, WeightedSum):
-        return WeightedSum(
-            tuple((cost, w * float(np.exp(size * rng.standard_normal()))) for cost, w in rule.terms)
-        )
+        return WeightedSum(tuple((cost, w * float(np.exp(size * rng.standard_normal()))) for cost, w in rule.terms))
     if isinstance(rule, Cascade):
         stages = [
-            stage if stage.keep == 1 else Stage(stage.cost, _count(stage.keep, size, rng))
-            for stage in rule.steps
+            stage if stage.keep == 1 else Stage(stage.cost, _count(stage.keep, size, rng)) for stage in rule.steps
         ]
         return Cascade(tuple(stages))
     return rule

@@ -40,9 +40,7 @@ class Tables:
         """
         place = (q.tobytes(), name, columns)
         if place not in self._kept:
-            others = [
-                table for (at, _, more), table in self._kept.items() if at == place[0] and more == columns
-            ]
+            others = [table for (at, _, more), table in self._kept.items() if at == place[0] and more == columns]
             # Further columns may depend on M; configurations and reach do not.
             known = others[0] if others and not columns else None
             self._kept[place] = solve() if known is None else with_measure(known, robot, measure(name))

@@ -111,9 +111,7 @@ def paired_difference(a: ArrayLike, b: ArrayLike, rng: np.random.Generator) -> P
     )
 
 
-def averages(
-    groups: Sequence[Hashable], a: Sequence[float], b: Sequence[float]
-) -> tuple[list[float], list[float]]:
+def averages(groups: Sequence[Hashable], a: Sequence[float], b: Sequence[float]) -> tuple[list[float], list[float]]:
     """Return the means of ``a`` (N,) and ``b`` (N,) within each of the ``groups`` (N,), in order of appearance.
 
     For what is repeated within a case, such as several people in one scene: repetitions are not independent of each

@@ -11,10 +11,7 @@ import lazy_loader
 # pytest explains a failed assert only in modules that are registered before they are imported.
 if pytest := sys.modules.get("pytest"):
     pytest.register_assert_rewrite(
-        *(
-            f"{__name__}.{module}"
-            for module in ("contract", "costs", "followers", "loop", "operators", "policies")
-        )
+        *(f"{__name__}.{module}" for module in ("contract", "costs", "followers", "loop", "operators", "policies"))
     )
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -138,9 +138,7 @@ class GraspCostContract(CandidateContract):
             key, values = (
                 situation.grid.layout.gather(array) for array in (cost.key(situation), cost.values(situation))
             )
-            assert np.diff(values[np.argsort(key)]).min() >= -self.tolerance, (
-                "sorted by its key, the cost falls"
-            )
+            assert np.diff(values[np.argsort(key)]).min() >= -self.tolerance, "sorted by its key, the cost falls"
 
     def test_a_weight_of_zero_equals_leaving_it_out(self) -> None:
         other = PositionDistance()

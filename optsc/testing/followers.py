@@ -83,9 +83,7 @@ class FollowerContract(Contract):
             assert placed is follower, "at() does not return the follower"
             found = follower.state()
             for name, tolerance in (("time", 1e-9), ("q", 1e-9), ("v", 1e-9), ("opening", 1e-6)):
-                np.testing.assert_allclose(
-                    getattr(found, name), getattr(asked, name), rtol=0.0, atol=tolerance
-                )
+                np.testing.assert_allclose(getattr(found, name), getattr(asked, name), rtol=0.0, atol=tolerance)
             for tick in range(1, 51):
                 q, v = swing(robot, 0.4 + tick * PERIOD)
                 state = follower.apply(q, v, asked.opening, PERIOD)

@@ -28,9 +28,7 @@ DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 PLACES = MappingProxyType({"left": (0.45, 0.2, 0.15), "middle": (0.6, 0.0, 0.12), "right": (0.5, -0.2, 0.12)})
 
 
-def scene(
-    places: Mapping[str, tuple[float, float, float]] = PLACES, count: int = 12, seed: int = 0
-) -> Candidates:
+def scene(places: Mapping[str, tuple[float, float, float]] = PLACES, count: int = 12, seed: int = 0) -> Candidates:
     """Return ``count`` grasps of each thing from above, tilted by up to half a radian, at places in the world."""
     rng = np.random.default_rng(seed)
     total = count * len(places)
@@ -47,9 +45,7 @@ def scene(
     )
 
 
-def controller(
-    robot: RobotModel, arbitration: Arbitration | None = None, **settings: Any
-) -> SharedController:
+def controller(robot: RobotModel, arbitration: Arbitration | None = None, **settings: Any) -> SharedController:
     """Return a shared controller with the default selector and the station's rotation."""
     clutch = ClutchSettings(R_WS=R_WS)
     return SharedController(robot, GraspSelector(robot), arbitration=arbitration, clutch=clutch, **settings)
@@ -77,9 +73,7 @@ class StraightOperator:
             self.hand = Pose(rotation.multiply(to_station, view.X_WT.quaternion), np.zeros(3))
         if not view.automatic and view.time > 0.2:
             shift = self.goal.translation - view.X_WT.translation
-            turn = rotation.log(
-                rotation.multiply(self.goal.quaternion, rotation.conjugate(view.X_WT.quaternion))
-            )
+            turn = rotation.log(rotation.multiply(self.goal.quaternion, rotation.conjugate(view.X_WT.quaternion)))
             distance, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
             step = min(view.time - self.seen, 0.05)
             v, w = shift * min(0.12 / (distance + 1e-9), 2.0), turn * min(0.4 / (angle + 1e-9), 2.0)

@@ -49,9 +49,7 @@ class OperatorContract(Contract):
 
     def views(self, rate: float = 250.0, start: float = 0.0) -> list[OperatorView]:
         """Return 8 s in which the tool moves, objects are hidden for a while, and the robot works, twice."""
-        grasps = {
-            name: Pose.from_quaternion(DOWN, X.translation + [0, 0, 0.05]) for name, X in self.objects.items()
-        }
+        grasps = {name: Pose.from_quaternion(DOWN, X.translation + [0, 0, 0.05]) for name, X in self.objects.items()}
         views = []
         for tick in range(round(8.0 * rate)):
             t = tick / rate

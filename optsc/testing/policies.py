@@ -72,9 +72,7 @@ class ArbitrationContract(Contract):
         policy, another = self.make_policy(), self.make_policy()
         answers = [policy.blend(moment(seed)) for seed in MOMENTS]
         for answer in answers:
-            assert (np.shape(answer.hand), np.shape(answer.robot)) == ((6, 6), (6,)), (
-                f"wrong shapes: {answer}"
-            )
+            assert (np.shape(answer.hand), np.shape(answer.robot)) == ((6, 6), (6,)), f"wrong shapes: {answer}"
             assert np.all(np.isfinite([*np.ravel(answer.hand), *answer.robot])), f"not finite: {answer}"
             assert 0.0 <= answer.share <= 1.0, f"share {answer.share} is not in 0 to 1"
         for seed in reversed(MOMENTS):
@@ -110,9 +108,7 @@ class ArbitrationContract(Contract):
         if not self.make_policy().assists:
             return
         given = [step.assistance for step in self.led().steps if step.assistance is not None]
-        robot, hand, both = (
-            np.array([getattr(one, f) for one in given]) for f in ("robot", "hand", "carried_out")
-        )
+        robot, hand, both = (np.array([getattr(one, f) for one in given]) for f in ("robot", "hand", "blended"))
         for part, speed in ((slice(0, 3), Approach().speed), (slice(3, 6), Approach().angular_speed)):
             size, wish, sum_ = (np.linalg.norm(twist[:, part], axis=1) for twist in (robot, hand, both))
             assert size.max() <= speed + 1e-12
@@ -228,9 +224,7 @@ def moment(seed: int, sign: float = 1.0) -> Moment:
         return GraspPose((x, y, z), (w, i, j, k), candidate)
 
     tool, probability = grasp(-1), rng.dirichlet(np.ones(1 + seed % 3)) if seed % 4 else np.zeros(0)
-    goals = tuple(
-        Goal(f"object {i}", p, grasp(2 * i), grasp(2 * i + 1)) for i, p in enumerate(probability.tolist())
-    )
+    goals = tuple(Goal(f"object {i}", p, grasp(2 * i), grasp(2 * i + 1)) for i, p in enumerate(probability.tolist()))
     first, second, *_ = sorted([*probability.tolist(), 0.0, 0.0], reverse=True)
     hand = rng.uniform(-0.2, 0.2, 6) * (seed % 5 > 0)
     return Moment(tool.p, tool.q, hand, goals, first - second, HAND_ALONE, PERIOD, Approach())

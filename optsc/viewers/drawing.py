@@ -39,9 +39,7 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     return path
 
 
-def new_figure(
-    rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], **options: Any
-) -> tuple[Any, Any]:
+def new_figure(rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], **options: Any) -> tuple[Any, Any]:
     """Return a figure of that size [inches] and its axes, like ``pyplot.subplots`` but without global state."""
     from matplotlib.figure import Figure
 
@@ -90,9 +88,7 @@ def fill(axes: Any, outlines: Any, colour: Any, *, zorder: int) -> None:
     axes.add_collection(PolyCollection(list(outlines), zorder=zorder, **style))
 
 
-def draw_quality_scale(
-    figure: Any, quality: Any, place: tuple[float, float, float, float], **text: Any
-) -> Any:
+def draw_quality_scale(figure: Any, quality: Any, place: tuple[float, float, float, float], **text: Any) -> Any:
     """Draw a colour bar for grasp qualities (N,) at ``place`` of ``figure``; return what maps them to colours."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

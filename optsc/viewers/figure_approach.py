@@ -76,9 +76,7 @@ def approach_figure(
     return figure
 
 
-def _check(
-    objects: PlacedMeshes, selections: Sequence[SelectedGrasps], paths: Sequence[StrategyPath]
-) -> None:
+def _check(objects: PlacedMeshes, selections: Sequence[SelectedGrasps], paths: Sequence[StrategyPath]) -> None:
     counts = (len(objects), len(selections), len(paths))
     if not all(counts):
         raise InvalidValue("objects, selections, paths", counts, "at least one of each")

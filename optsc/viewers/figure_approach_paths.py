@@ -91,9 +91,7 @@ def draw_paths(
             _draw_path(axes, path, j)
         axes.set(xlim=(lower[0], upper[0]), ylim=(lower[j], upper[j]))
         axes.set_aspect("equal", adjustable="box")
-        axes.text(
-            0.985, 0.97, name, transform=axes.transAxes, color=QUIET, fontsize=8.5, ha="right", va="top"
-        )
+        axes.text(0.985, 0.97, name, transform=axes.transAxes, color=QUIET, fontsize=8.5, ha="right", va="top")
         axes.set_ylabel(f"{'xyz'[j]} [m]", color=INK, fontsize=9)
         plain_axes(axes, labels=QUIET, grid="#eceef1")
         axes.locator_params(steps=[1, 2, 5, 10], nbins=6)

@@ -42,9 +42,7 @@ class SelectedGrasps:
     grasps: Mapping[str, Pose]
 
 
-def scene_box(
-    objects: PlacedMeshes, selections: Sequence[SelectedGrasps], boxes: Array
-) -> tuple[Array, Array]:
+def scene_box(objects: PlacedMeshes, selections: Sequence[SelectedGrasps], boxes: Array) -> tuple[Array, Array]:
     """Return lower and upper corner (3,) [m] of a box on the table about everything in ``selections``."""
     points = [shapes.mesh_triangles(mesh, X_WO) for mesh, X_WO in objects.values()]
     for selection in selections:
@@ -71,8 +69,7 @@ def draw_scene(
 
     rgb = {name: to_rgb(colour) for name, colour in colours.items()}
     solids = [
-        (shapes.mesh_triangles(*placed), mixed_with_white(colours[name], 0.5))
-        for name, placed in objects.items()
+        (shapes.mesh_triangles(*placed), mixed_with_white(colours[name], 0.5)) for name, placed in objects.items()
     ]
     fork = shapes.fork_boxes()
     solids += [(shapes.box_triangles(fork, X_WG), rgb[name]) for name, X_WG in selection.grasps.items()]
@@ -109,9 +106,7 @@ def _fit(axes: Any, within: tuple[Array, Array]) -> None:
 
 def _draw_solids(axes: Any, solids: Sequence[tuple[Array, Colour]]) -> None:
     """Draw everything solid as one collection: only within one are triangles sorted by depth."""
-    seen = [
-        (shapes.refined(shapes.facing(triangles, _TOWARDS), _FACET), colour) for triangles, colour in solids
-    ]
+    seen = [(shapes.refined(shapes.facing(triangles, _TOWARDS), _FACET), colour) for triangles, colour in solids]
     colours = np.concatenate([shapes.shaded(triangles, colour) for triangles, colour in seen])
     # Edges in the colour of the face close the hairlines between neighbours.
     _fill_3d(axes, np.concatenate([triangles for triangles, _ in seen]), colours, colours, 0.4, 4)

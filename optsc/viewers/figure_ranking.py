@@ -46,9 +46,7 @@ def ranking_figure(ranking: Ranking, *, title: str | None = None) -> Figure:
     for k, group in enumerate(objects):
         left = _MARGIN + k * (panel + _WORDS + _MARGIN)
         box = (left / width, _BOTTOM / _HEIGHT, panel / width, 1.0 - (_TOP + _BOTTOM) / _HEIGHT)
-        _draw_object(
-            figure.add_axes(box), group, terms, ranges, intended=group[0].object_name == ranking.best
-        )
+        _draw_object(figure.add_axes(box), group, terms, ranges, intended=group[0].object_name == ranking.best)
     _draw_scale(figure, width)
     if title is not None:
         figure.text(0.5, 0.985, title, color=INK, fontsize=11, ha="center", va="top")

@@ -131,9 +131,7 @@ def _draw_grasps(figure: Any, axes: Any, state: SceneState) -> int:
         order = np.argsort(grasps.quality)  # the best are drawn last, on top
         lines = known.X_WO.apply(fork_lines(grasps)[order])
         shades = colours.to_rgba(grasps.quality[order])
-        axes.add_collection3d(
-            Line3DCollection(lines, colors=shades, linewidths=0.6, alpha=0.9), autolim=False
-        )
+        axes.add_collection3d(Line3DCollection(lines, colors=shades, linewidths=0.6, alpha=0.9), autolim=False)
     return len(quality)
 
 

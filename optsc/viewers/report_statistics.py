@@ -45,9 +45,7 @@ def forest(
         step = 0.56 / max(len(groups), 1)
         for k, (group, estimates) in enumerate(groups.items()):
             y = np.arange(len(rows)) + (k - 0.5 * (len(groups) - 1)) * step
-            value, low, high = (
-                np.array([getattr(e, n) for e in estimates]) for n in ("value", "low", "high")
-            )
+            value, low, high = (np.array([getattr(e, n) for e in estimates]) for n in ("value", "low", "high"))
             colour = SERIES[k % len(SERIES)]
             axis.hlines(y, low, high, color=colour, linewidth=2.0, alpha=0.8)
             axis.plot(value, y, "o", color=colour, ms=4.5, label=group)

@@ -70,9 +70,7 @@ def test_imported_grasps_are_tried_on_the_surface_that_came_with_them(part, pose
     surface = ["--mesh", str(part), "--unit", "0.001"]
     assert bring_in(table, folder, *surface, "--frame", "panda_hand") == 0
     assert "grasps moved by (-300.0, -100.0, 200.0) mm" in capsys.readouterr().out
-    np.testing.assert_allclose(
-        GraspLibrary.load(folder)["widget"].X_OG.translation, [[0, 0, 0.04]] * 2, atol=1e-6
-    )
+    np.testing.assert_allclose(GraspLibrary.load(folder)["widget"].X_OG.translation, [[0, 0, 0.04]] * 2, atol=1e-6)
     elsewhere = tmp_path / "tried"
     assert validate(folder, "--output", str(elsewhere)) == 0
     assert "2 of 2 tried held" in capsys.readouterr().out

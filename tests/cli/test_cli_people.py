@@ -163,9 +163,7 @@ def test_a_report_on_practice_alone_says_so(tmp_path):
         (("plan", "new", "--conditions", "manual", "--participants", 1, "--time-limit", 0), "time_limit"),
     ],
 )
-def test_a_wrong_word_is_answered_with_what_would_be_right(
-    study, arguments, answer, capsys, tmp_path, monkeypatch
-):
+def test_a_wrong_word_is_answered_with_what_would_be_right(study, arguments, answer, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert people(*(study if word == "STUDY" else word for word in arguments)) == 1
     assert answer in capsys.readouterr().err

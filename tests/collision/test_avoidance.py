@@ -111,9 +111,7 @@ def test_the_allowed_approach_shrinks_to_nothing_at_the_margin_and_can_be_braked
         avoid.move("cube", at_tool(robot, [0.0, 0.0, -0.05 - gap]))
         rows = avoid.rows(robot.home, *around(np.zeros(7), 20.0))
         k = int(
-            np.argmin(
-                np.where(["cube" in avoid.model.pairs[i] for i in avoid._near.pair], avoid._near.distance, 9)
-            )
+            np.argmin(np.where(["cube" in avoid.model.pairs[i] for i in avoid._near.pair], avoid._near.distance, 9))
         )
         d, allowed = avoid._near.distance[k] - s.margin, -rows.lower[k]
         rates.append(allowed)
@@ -160,6 +158,26 @@ def test_a_stop_goes_straight_to_rest_where_nothing_is_near_and_moves_nothing_at
     assert not avoid.stopping(robot.home, *around(0.2 * np.ones(7)), solver).any()
     avoid.move("cube", at_tool(robot, [0.0, 0.0, -0.05]))  # overlaps
     assert not avoid.stopping(robot.home, *around(np.zeros(7)), solver).any()
+
+
+def test_restored_obstacles_are_where_they_were_move_as_they_did_and_may_be_touched_as_before():
+    robot = load_robot("panda")
+    avoid = CollisionAvoidance(robot, {"cube": (CUBE, at_tool(robot, [0.0, 0.0, -0.15]))})
+    avoid.move("cube", at_tool(robot, [0.0, 0.0, -0.1]), [0.0, 0.0, 0.3, 0.0, 0.0, 0.0])
+
+    def met():
+        rows = avoid.rows(robot.home, *around(np.zeros(7), 2.0))
+        return rows.matrix.tobytes(), rows.lower.tobytes(), [avoid.model.pairs[i] for i in avoid._near.pair]
+
+    before, snapshot = met(), avoid.snapshot()
+    avoid.move("cube", at_tool(robot, [0.0, 0.0, -0.13]))
+    avoid.hand_may_touch("cube")
+    after, later = met(), avoid.snapshot()
+    assert after != before
+    avoid.restore(snapshot)
+    assert met() == before
+    avoid.restore(later)
+    assert met() == after
 
 
 def test_impossible_settings_are_refused(panda):

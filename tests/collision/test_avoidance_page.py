@@ -41,9 +41,7 @@ def test_the_rows_are_those_of_the_formulas():
     for gap in np.linspace(-0.02, 0.2, 23):
         avoid.move("cube", Pose.from_translation(tool + [0.0, 0.0, -0.06 - gap]))
         rows = avoid.rows(robot.home, np.full(7, -20.0), np.full(7, 20.0))
-        for pair, d, g, lower in zip(
-            avoid._near.pair, avoid._near.distance, rows.matrix, rows.lower, strict=True
-        ):
+        for pair, d, g, lower in zip(avoid._near.pair, avoid._near.distance, rows.matrix, rows.lower, strict=True):
             if avoid.model.pairs[pair].other != "cube" or abs(d) < 2e-3:
                 continue
             names = {

@@ -92,9 +92,7 @@ def test_the_distance_of_a_capsule_from_a_box_is_that_of_coal():
         box = np.r_[X.rotation_matrix().T.ravel(), X.translation, half]
         found = float(distance(ends.ravel(), 0.05, box))
         length = np.linalg.norm(ends[1] - ends[0])
-        turn = pinocchio.Quaternion.FromTwoVectors(
-            np.array([0.0, 0.0, 1.0]), (ends[1] - ends[0]) / length
-        ).matrix()
+        turn = pinocchio.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), (ends[1] - ends[0]) / length).matrix()
         capsule = coal.Transform3s(turn, ends.mean(axis=0))
         at = coal.Transform3s(X.rotation_matrix(), X.translation)
         truth = coal.distance(
@@ -154,21 +152,14 @@ def test_a_clearance_is_never_more_than_the_distance_of_the_bodies(name):
     for q in configurations(name, 25, seed=5):
         found = scene.capsules.measure(q[None])
         full = arm.shapes.configurations(q[None])[0]
-        pinocchio.updateGeometryPlacements(
-            arm.shapes.model, arm.shapes.model.createData(), scene._geometry, data, full
-        )
+        pinocchio.updateGeometryPlacements(arm.shapes.model, arm.shapes.model.createData(), scene._geometry, data, full)
         truth = HORIZON
         for pair, reason in zip(scene._geometry.collisionPairs, scene._checker.reasons, strict=False):
             if reason.endswith("touches table") and reason.split()[0] in turning:
                 continue
             shapes = [scene._geometry.geometryObjects[k].geometry for k in (pair.first, pair.second)]
-            at = [
-                coal.Transform3s(data.oMg[k].rotation, data.oMg[k].translation)
-                for k in (pair.first, pair.second)
-            ]
-            result = coal.distance(
-                shapes[0], at[0], shapes[1], at[1], coal.DistanceRequest(), coal.DistanceResult()
-            )
+            at = [coal.Transform3s(data.oMg[k].rotation, data.oMg[k].translation) for k in (pair.first, pair.second)]
+            result = coal.distance(shapes[0], at[0], shapes[1], at[1], coal.DistanceRequest(), coal.DistanceResult())
             truth = min(truth, result)
         assert found.world[0] <= max(truth, 0.0) + 1e-6 or found.world[0] == HORIZON == truth
         tight += found.world[0] > truth - 0.05

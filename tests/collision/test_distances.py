@@ -253,15 +253,11 @@ def test_neighbours_the_base_over_the_table_and_what_touches_at_home_are_left_ou
 
 def test_boxes_hold_their_parts_and_keep_things_apart_that_stand_apart():
     rng = np.random.default_rng(4)
-    parts = [
-        TriangleMesh(cuboid(0.02, 0.3, 0.02).vertices + [x, 0, 0], cuboid(1, 1, 1).faces) for x in (-0.1, 0.1)
-    ]
+    parts = [TriangleMesh(cuboid(0.02, 0.3, 0.02).vertices + [x, 0, 0], cuboid(1, 1, 1).faces) for x in (-0.1, 0.1)]
     R, centre, half = boxes_of(parts, 4, "frame")
     assert len(half) == 2
     assert np.sort(half, axis=1)[0] == pytest.approx([0.01, 0.01, 0.15], abs=1e-9)
-    cloud = [
-        TriangleMesh(rng.normal(size=(20, 3)) * 0.05 + x, [[0, 1, 2]]) for x in rng.uniform(-1, 1, (9, 3))
-    ]
+    cloud = [TriangleMesh(rng.normal(size=(20, 3)) * 0.05 + x, [[0, 1, 2]]) for x in rng.uniform(-1, 1, (9, 3))]
     R, centre, half = boxes_of(cloud, 3, "cloud")
     assert len(half) <= 3
     for part in cloud:

@@ -12,7 +12,7 @@ from optsc.geometry import Pose
 from optsc.operators import OperatorSample
 from optsc.robot import load_robot
 from optsc.testing import ArbitrationContract
-from optsc.testing.loop import SAMPLE, Loop, assert_limits_hold, scene
+from optsc.testing.loop import PERIOD, SAMPLE, Loop, assert_limits_hold, scene
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,20 @@ def test_what_the_arm_cannot_follow_is_not_saved_up(robot):
     loop.go(0.6, move=(-0.2, 0.0, 0.0))
     assert loop.tool().translation[0] < before - 0.05
     assert_limits_hold(robot, loop.steps)
+
+
+def test_a_hand_that_is_no_longer_heard_asks_for_nothing_once_its_motion_is_not_carried_on(robot):
+    loop = Loop(robot, scene(), arbitration=make_policy("linear blending"))
+    loop.go(0.1)
+    loop.go(0.5, move=(0.0, 0.1, 0.0))
+    heard, settings = loop.controller.state.monitor.stamp, loop.controller.servo.settings
+    until = heard + settings.lag + settings.prediction.horizon
+    silent = []
+    while (step := loop.tick()).assistance is not None:
+        silent.append(step)
+    asked = {step.time: np.linalg.norm(step.assistance.hand) for step in silent}
+    assert min(v for time, v in asked.items() if time < until - 2 * PERIOD) > 0.1
+    assert max(v for time, v in asked.items() if time > until + 2 * PERIOD) == 0.0
 
 
 def test_the_sampling_of_the_hand_does_not_change_where_it_leads(robot):

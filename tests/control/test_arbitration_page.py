@@ -21,9 +21,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "arbitration.md").read_text()
 
 def test_the_example_of_a_policy_runs_as_shown_and_has_fewer_than_forty_lines(tmp_path):
     assert len([line for line in BLOCK.splitlines() if line.strip()]) < 40
-    done = subprocess.run(
-        [sys.executable, "-c", BLOCK], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", BLOCK], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "Agreement" in done.stdout
 

@@ -177,3 +177,10 @@ def test_an_unknown_policy_is_refused_with_the_names_there_are():
 def test_settings_out_of_range_of_a_policy_are_refused(policy, bad):
     with pytest.raises(InvalidValue):
         policy(**bad)
+
+
+@pytest.mark.parametrize("policy", [LinearBlending, VirtualFixture])
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (0.0, 0.0), (0.5, 0.5), (1.0, 1.0)])
+def test_the_lead_at_which_help_begins_may_be_anything_from_none_to_certain(policy, low, high):
+    made = policy(low=low, high=high)
+    assert (made.low, made.high) == (low, high)

@@ -261,9 +261,7 @@ def test_recentring_does_not_move_the_target_and_turns_what_forward_means(robot)
     rig.go(0.5, move=(0.05, 0.0, 0.0))
     rig.go(0.5)
     moved = rig.tool().translation - before.translation
-    np.testing.assert_allclose(
-        moved, rotation.rotate(rotation.exp([0, 0, 0.7 - 0.5]), [0.05, 0, 0]), atol=1e-3
-    )
+    np.testing.assert_allclose(moved, rotation.rotate(rotation.exp([0, 0, 0.7 - 0.5]), [0.05, 0, 0]), atol=1e-3)
 
 
 def test_smoothing_makes_a_trembling_hand_calmer(robot):
@@ -293,6 +291,13 @@ def test_an_arm_that_does_not_follow_is_a_fault(robot):
     assert rig.controller.mode is Mode.HOLD
 
 
+def test_an_arm_that_lags_a_little_is_none(robot):
+    for lag, mode in ((0.29, Mode.MANUAL), (-0.29, Mode.MANUAL), (0.31, Mode.HOLD), (-0.31, Mode.HOLD)):
+        rig = start(robot)
+        rig.controller.step(None, rig.measured._replace(q=rig.controller.servo.guard.q + [0, 0, 0, lag, 0, 0, 0]))
+        assert rig.controller.mode is mode
+
+
 def test_the_trigger_without_a_grasp_in_reach_says_so_and_stays_manual(robot):
     rig = Rig(robot, candidates=candidates_around((3.0, 0.0, 0.2)))
     rig.go(0.3)
@@ -318,9 +323,7 @@ def test_a_recorded_run_replayed_gives_the_same_commands_bit_for_bit(robot, tmp_
             return OperatorSample(view.time, X, True, 1.0 < view.time < 1.2)
 
     def controller():
-        return optsc.SharedController(
-            robot, optsc.GraspSelector(robot), clutch=optsc.ClutchSettings(R_WS=R_WS)
-        )
+        return optsc.SharedController(robot, optsc.GraspSelector(robot), clutch=optsc.ClutchSettings(R_WS=R_WS))
 
     run = optsc.run(
         controller(),

@@ -275,9 +275,7 @@ def test_the_target_stays_locked_while_the_robot_moves(robot):
     assert loop.controller.ranking is ranking
 
 
-@pytest.mark.parametrize(
-    "bad", [{"scale": (0.0, 1.0)}, {"most": (0.1,)}, {"speed": (0.1, np.nan)}, {"period": 0.0}]
-)
+@pytest.mark.parametrize("bad", [{"scale": (0.0, 1.0)}, {"most": (0.1,)}, {"speed": (0.1, np.nan)}, {"period": 0.0}])
 def test_settings_out_of_range_of_fine_tuning_are_refused(bad):
     with pytest.raises(InvalidValue):
         FineTuning(**bad)

@@ -102,6 +102,20 @@ def test_after_a_halt_the_robot_begins_anew_when_the_operator_has_let_it_go_on(r
     assert loop.controller.mode is Mode.APPROACH
 
 
+def test_what_was_meant_during_a_halt_does_not_count(robot):
+    loop = Loop(robot, scene(TWO), arbitration=Automatic(dwell=0.5))
+    loop.go(0.2)
+    loop.tick(OperatorSample(loop.time, Pose(np.full(4, np.nan), np.zeros(3))))
+    loop.go(0.8)
+    assert loop.controller.mode is Mode.HOLD
+    loop.go(0.02, clutch=False)
+    halted = len(loop.steps)
+    loop.go(1.0)
+    resumed = next(step.time for step in loop.steps[halted:] if step.mode is Mode.MANUAL)
+    (begun,) = [step.time for step in loop.steps if step.event is Event.BEGUN]
+    assert begun - resumed == pytest.approx(0.5, abs=0.03)
+
+
 def test_with_an_open_clutch_the_robot_does_not_begin(robot):
     loop = Loop(robot, scene(TWO), arbitration=Automatic(dwell=0.1))
     loop.go(0.02)
@@ -164,9 +178,7 @@ def test_goals_hold_the_nearest_and_the_most_manipulable_grasp_of_every_object(r
         np.testing.assert_allclose(goal.best.p, places[np.argmax(table.manipulability[rows])], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("policy", "aim"), [(Hindsight(), "nearest"), (Manual(), "nearest"), (Continuous(), "best")]
-)
+@pytest.mark.parametrize(("policy", "aim"), [(Hindsight(), "nearest"), (Manual(), "nearest"), (Continuous(), "best")])
 def test_the_grasp_that_is_shown_is_the_one_that_the_policy_helps_towards(robot, policy, aim):
     loop = Loop(robot, scene(), arbitration=policy)
     loop.go(0.1)

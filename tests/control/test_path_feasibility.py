@@ -22,16 +22,12 @@ def robot():
 
 def target(p, candidate=3):
     X_WG = Pose(DOWN, np.asarray(p, dtype=float))
-    return SimpleNamespace(
-        candidate=candidate, X_WG=X_WG, X_WP=Pose(DOWN, X_WG.translation + [0.0, 0.0, 0.1])
-    )
+    return SimpleNamespace(candidate=candidate, X_WG=X_WG, X_WP=Pose(DOWN, X_WG.translation + [0.0, 0.0, 0.1]))
 
 
 def ahead(robot, p, clear=None, **settings):
     home = robot.home
-    return grasp_path_feasibility(
-        robot, Approach(**settings), home, robot.forward(home), target(p), SEVERAL, clear
-    )
+    return grasp_path_feasibility(robot, Approach(**settings), home, robot.forward(home), target(p), SEVERAL, clear)
 
 
 def test_a_free_way_comes_first_and_none_comes_of_ways_that_are_infeasible():

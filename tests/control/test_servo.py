@@ -6,6 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from optsc.control.servo import Servo, ServoSettings, Status
+from optsc.control.servo import _exceeds as exceeds
+from optsc.control.status import held_back
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.ik import IkSettings
@@ -13,6 +15,7 @@ from optsc.kernels.kernel import Kernel
 from optsc.kernels.reference import reference_model
 from optsc.operators import prediction
 from optsc.robot import ROBOT_NAMES, load_robot
+from optsc.shaping import JointGuard
 
 TOLERANCE = 1e-9
 
@@ -55,13 +58,9 @@ def test_every_tick_returns_a_command_within_all_limits_and_a_status_for_every_i
     servo.reset(robot.random_configuration(rng))
     X, commands = servo.X_WT, []
     for _ in range(250):
-        commands.append(
-            servo.step(*hostile(kind, rng, X, servo.time)) if rng.random() < 0.2 else servo.step()
-        )
+        commands.append(servo.step(*hostile(kind, rng, X, servo.time)) if rng.random() < 0.2 else servo.step())
     assert all(isinstance(c.status, Status) for c in commands)
-    assert all(
-        c.reason for c in commands if c.status not in (Status.FOLLOWING, Status.STOPPING, Status.HOLDING)
-    )
+    assert all(c.reason for c in commands if c.status not in (Status.FOLLOWING, Status.STOPPING, Status.HOLDING))
     assert_within(robot, servo.period, commands)
 
 
@@ -112,6 +111,32 @@ def test_an_angle_out_of_reach_does_not_keep_the_tool_from_its_place():
         shift = [0.0, 0.0, 0.05 * min(servo.time / 3.0, 1.0)]
         servo.step(Pose(turned, X.translation + shift), servo.time)
     assert servo.X_WT.translation[2] > X.translation[2] + 0.04
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_a_joint_at_either_end_of_its_range_is_named_where_it_holds_the_motion_back(side):
+    robot = load_robot("panda")
+    guard, q, wanted = JointGuard(robot.limits, 0.002), robot.home.copy(), np.zeros(robot.n)
+    q[3] = getattr(robot.limits, side)[3]
+    guard.reset(q)
+    wanted[3] = guard.lowest[3] if side == "lower" else guard.highest[3]
+    assert held_back(robot, guard, wanted, None, False) == (Status.LIMITED, "panda_joint4: position")
+    assert held_back(robot, guard, wanted, None, True).status is Status.UNREACHABLE
+    wanted[3] = 0.5 * (guard.lowest[3] + guard.highest[3])
+    assert held_back(robot, guard, wanted, None, False).status is Status.FOLLOWING
+
+
+@pytest.mark.parametrize("component", range(6))
+def test_an_error_along_or_about_any_axis_counts(component):
+    limit = (0.05, 0.2)[component // 3]
+    for sign in (-1.0, 1.0):
+        error = np.zeros(6)
+        error[component] = 1.02 * sign * limit
+        assert exceeds(error, (0.05, 0.2))
+        assert not exceeds(error, (0.05, 0.2), share=1.1)
+        error[component] = 0.98 * sign * limit
+        assert not exceeds(error, (0.05, 0.2))
+        assert exceeds(error, (0.05, 0.2), share=0.9)
 
 
 def test_a_target_that_jumps_is_not_taken_for_one_that_moves():
@@ -202,9 +227,7 @@ FOUR_JOINTS = """<robot name="four">
 def test_an_arm_of_four_joints_follows_in_position(tmp_path):
     (tmp_path / "four.urdf").write_text(FOUR_JOINTS)
     robot = load_robot(tmp_path / "four.urdf", tip="tool", home=[0.2, 0.5, 0.9, 0.4])
-    servo = Servo(
-        robot, 500.0, ServoSettings(ik=IkSettings(orientation_weight=(0.0, 0.0, 0.0)), far=(0.05, 4.0))
-    )
+    servo = Servo(robot, 500.0, ServoSettings(ik=IkSettings(orientation_weight=(0.0, 0.0, 0.0)), far=(0.05, 4.0)))
     X, commands = servo.X_WT, []
     for _ in range(1500):
         commands.append(servo.step(circle(X, servo.time), servo.time))
@@ -232,9 +255,7 @@ def test_near_a_singularity_the_lost_direction_slows_the_others_go_on_and_the_st
     assert sideways @ moved > 0.12
     assert outwards @ moved < 0.05
     told = [
-        c
-        for c in commands
-        if c.status in (Status.SINGULAR, Status.UNREACHABLE) and "of the tool is lost" in c.reason
+        c for c in commands if c.status in (Status.SINGULAR, Status.UNREACHABLE) and "of the tool is lost" in c.reason
     ]
     assert told
     assert_within(robot, servo.period, commands)

@@ -34,9 +34,7 @@ def robot():
 def decided(step):
     """Everything that a tick decided, as bytes and words."""
     c = step.command
-    numbers = np.concatenate(
-        [c.q, c.v, c.a, c.error, [c.volume, c.slack, c.outside, step.opening, step.time]]
-    )
+    numbers = np.concatenate([c.q, c.v, c.a, c.error, [c.volume, c.slack, c.outside, step.opening, step.time]])
     target = None if step.target is None else step.target.candidate
     best = None if step.ranking is None else step.ranking.best
     return numbers.tobytes(), step.mode, step.event, c.status, step.reason, target, best, step.belief

@@ -27,9 +27,7 @@ from optsc.selection.hysteresis import Hysteresis
 from optsc.testing.loop import PERIOD, Loop, assert_limits_hold, scene
 
 SOLVERS = [name for name in ("daqp", "proxqp", "quadprog") if name in solver_names()]
-CUBE = TriangleMesh(
-    0.05 * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]), [[0, 1, 3]]
-)
+CUBE = TriangleMesh(0.05 * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]), [[0, 1, 3]])
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +51,7 @@ def test_with_any_solver_a_snapshot_goes_on_with_the_same_bytes_whatever_happene
 
     def go(count):
         start = servo.state.ticks
-        targets = [
-            Pose(X.quaternion, X.translation + [4e-4 * k, 0.0, 0.0]) for k in range(start, start + count)
-        ]
+        targets = [Pose(X.quaternion, X.translation + [4e-4 * k, 0.0, 0.0]) for k in range(start, start + count)]
         return [servo.step(target, servo.time) for target in targets]
 
     go(150)
@@ -141,9 +137,7 @@ def raising(part, loop, monkeypatch):
     if part == "solver":
         monkeypatch.setattr(controller.servo.ik.solver, "solve", fail, raising=False)
     elif part == "cost":
-        controller.selector.rank_by(
-            WeightedSum(((RaisingCost(), 1.0),)), controller.selector.solver.manipulability
-        )
+        controller.selector.rank_by(WeightedSum(((RaisingCost(), 1.0),)), controller.selector.solver.manipulability)
     elif part == "filter":
         controller.selector.filters[0].armed = True
     elif part == "policy":
@@ -259,9 +253,7 @@ def test_a_sample_of_a_wrong_type_never_raises_and_stops_nothing_for_good(robot,
     assert_limits_hold(robot, loop.steps)
 
 
-@pytest.mark.parametrize(
-    "kind", ["none", "no values", "nan", "infinite", "long", "one", "matrix", "words", "far"]
-)
+@pytest.mark.parametrize("kind", ["none", "no values", "nan", "infinite", "long", "one", "matrix", "words", "far"])
 def test_a_measured_state_that_is_none_never_raises_and_stops_the_arm(robot, kind, caplog):
     loop = Loop(robot, scene())
     loop.go(0.3, move=(0.03, 0.0, 0.0))

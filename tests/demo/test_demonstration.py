@@ -22,9 +22,7 @@ from optsc.study.conditions import PAPER
 @pytest.fixture(scope="module")
 def setup(tmp_path_factory):
     world = tabletop(load_robot("panda"), objects=("can", "box"), seed=2)
-    return DemoSetup(
-        world, load_or_build(world, tmp_path_factory.mktemp("grasps"), lambda text: None), seed=2
-    )
+    return DemoSetup(world, load_or_build(world, tmp_path_factory.mktemp("grasps"), lambda text: None), seed=2)
 
 
 @pytest.fixture(scope="module")

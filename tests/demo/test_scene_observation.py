@@ -149,9 +149,7 @@ def reported_once(world, observation, mode, at):
         (Mode.LIFT, None, ""),
     ],
 )
-def test_the_robot_does_not_drive_on_to_what_is_no_longer_there(
-    controller, observation, world, mode, at, words
-):
+def test_the_robot_does_not_drive_on_to_what_is_no_longer_there(controller, observation, world, mode, at, words):
     watch, modes = reported_once(world, observation, mode, at)
     scene = observation.update(observation.first)
     done = run(

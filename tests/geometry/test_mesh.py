@@ -12,9 +12,7 @@ TETRAHEDRON = TriangleMesh(
 
 def test_samples_lie_on_the_surface_with_outward_normals():
     points, normals = TETRAHEDRON.sample(np.random.default_rng(0), 500)
-    on_face = np.stack(
-        [points[:, 2], points[:, 1], points[:, 0], (1 - points.sum(axis=1)) / np.sqrt(3)], axis=1
-    )
+    on_face = np.stack([points[:, 2], points[:, 1], points[:, 0], (1 - points.sum(axis=1)) / np.sqrt(3)], axis=1)
     np.testing.assert_allclose(np.abs(on_face).min(axis=1), 0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
     centre = TETRAHEDRON.vertices.mean(axis=0)

@@ -12,9 +12,7 @@ from optsc.geometry import Pose, rotation, scalar
 def poses(shape, seed):
     rng = np.random.default_rng(seed)
     vector = rng.normal(size=(*shape, 3))
-    vector *= rng.choice([1e-9, 1e-4, 0.5, 3.1], size=(*shape, 1)) / np.linalg.norm(
-        vector, axis=-1, keepdims=True
-    )
+    vector *= rng.choice([1e-9, 1e-4, 0.5, 3.1], size=(*shape, 1)) / np.linalg.norm(vector, axis=-1, keepdims=True)
     return Pose.from_rotation_vector(vector, rng.normal(size=(*shape, 3)))
 
 

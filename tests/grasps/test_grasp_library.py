@@ -50,17 +50,13 @@ class TestFiles:
         assert loaded.reliable.tolist() == held.tolist()
         assert storage.load_set(storage.save_set(few_grasps, tmp_path)).tried is None
 
-    def test_a_file_of_the_first_format_is_read_as_never_tried(
-        self, tmp_path: Path, few_grasps: GraspSet
-    ) -> None:
+    def test_a_file_of_the_first_format_is_read_as_never_tried(self, tmp_path: Path, few_grasps: GraspSet) -> None:
         path = storage.save_set(few_grasps, tmp_path)
         rewrite(path, lambda entries: set_description(entries, format=1))
         assert same(storage.load_set(path), few_grasps)
         assert storage.load_set(path).held is None
 
-    def test_flipped_outcomes_do_not_agree_with_the_checksum(
-        self, tmp_path: Path, few_grasps: GraspSet
-    ) -> None:
+    def test_flipped_outcomes_do_not_agree_with_the_checksum(self, tmp_path: Path, few_grasps: GraspSet) -> None:
         all_of_them = np.ones(len(few_grasps), dtype=bool)
         path = storage.save_set(replace(few_grasps, tried=all_of_them, held=all_of_them), tmp_path)
         with np.load(path) as archive:
@@ -185,9 +181,7 @@ class TestFiles:
         assert list(tmp_path.iterdir()) == [path]
 
     @pytest.mark.parametrize("name", ["", "../mug", "a/b", ".hidden", "mug\n"])
-    def test_a_name_cannot_lead_out_of_the_directory(
-        self, tmp_path: Path, few_grasps: GraspSet, name: str
-    ) -> None:
+    def test_a_name_cannot_lead_out_of_the_directory(self, tmp_path: Path, few_grasps: GraspSet, name: str) -> None:
         with pytest.raises(InvalidValue, match="object name"):
             storage.save_set(replace(few_grasps, object_name=name), tmp_path)
 

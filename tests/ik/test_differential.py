@@ -121,12 +121,8 @@ def test_the_module_writes_the_program_that_is_solved(name):
         x = ik.solve((q, v, a), row(X_goal), twist, q_p, lowest, highest, rows).velocity
         smooth = known | {"s": np.zeros(3)}
         for other in rng.uniform(lowest, highest, (50, robot.n)):
-            written = [
-                sum(eval(term, smooth | {"x": y}) for term in terms) for y in (other, np.zeros(robot.n))
-            ]
-            assert 0.5 * other @ ik._H @ other + ik._g @ other == pytest.approx(
-                written[0] - written[1], abs=1e-9
-            )
+            written = [sum(eval(term, smooth | {"x": y}) for term in terms) for y in (other, np.zeros(robot.n))]
+            assert 0.5 * other @ ik._H @ other + ik._g @ other == pytest.approx(written[0] - written[1], abs=1e-9)
             assert cost(x) <= cost(other)
             assert cost(x) <= cost(np.clip(x + 1e-3 * (other - x), lowest, highest)) + 1e-9
 
@@ -143,9 +139,7 @@ def test_the_answer_does_not_depend_on_the_period():
     q = robot.home
     reference, twist = robot.forward(q + 0.01), np.array([0.1, 0, 0, 0, 0.1, 0])
     answers = [
-        DifferentialIK(robot, period, CALM())
-        .solve(still(q), row(reference), twist, robot.home, *wide(robot))
-        .velocity
+        DifferentialIK(robot, period, CALM()).solve(still(q), row(reference), twist, robot.home, *wide(robot)).velocity
         for period in (1e-3, 4e-3)
     ]
     np.testing.assert_allclose(*answers, atol=1e-12)
@@ -188,14 +182,9 @@ def test_a_rotation_within_its_dead_band_is_not_followed():
         for _ in range(800):
             q = (
                 q
-                + PERIOD
-                * ik.solve(
-                    still(q), row(robot.forward(ahead)), np.zeros(6), robot.home, *wide(robot)
-                ).velocity
+                + PERIOD * ik.solve(still(q), row(robot.forward(ahead)), np.zeros(6), robot.home, *wide(robot)).velocity
             )
-        left = pinocchio.log3(
-            robot.forward(q).rotation_matrix().T @ robot.forward(robot.home).rotation_matrix()
-        )
+        left = pinocchio.log3(robot.forward(q).rotation_matrix().T @ robot.forward(robot.home).rotation_matrix())
         assert abs(left[2]) == pytest.approx(followed, abs=2e-3)
 
 
@@ -227,9 +216,7 @@ def test_bounds_are_kept():
     robot = load_robot("ur5")
     ik = DifferentialIK(robot, PERIOD, CALM())
     reference = robot.forward(robot.home + 0.3)
-    step = ik.solve(
-        still(robot.home), row(reference), np.zeros(6), robot.home, np.full(6, -0.05), np.full(6, 0.05)
-    )
+    step = ik.solve(still(robot.home), row(reference), np.zeros(6), robot.home, np.full(6, -0.05), np.full(6, 0.05))
     assert np.all(np.abs(step.velocity) <= 0.05 + 1e-9)
 
 

@@ -52,9 +52,7 @@ def test_the_deviation_of_a_tool_is_its_shift_tilt_and_roll_in_the_targets_axes(
 @pytest.mark.parametrize("angle", [0.0, 1e-7, 1.0, 2.9])
 def test_the_compiled_deviation_and_its_rates_agree_with_the_other_and_with_differences(angle):
     arguments = [casadi.SX.sym(*size) for size in [("R", 3, 3), ("p", 3), ("R_goal", 3, 3), ("p_goal", 3)]]
-    compiled = casadi.Function(
-        "deviation", arguments, [casadi.densify(x) for x in tool_deviation(*arguments)]
-    )
+    compiled = casadi.Function("deviation", arguments, [casadi.densify(x) for x in tool_deviation(*arguments)])
     rng = np.random.default_rng(1)
     for _ in range(20):
         goal = Pose.from_rotation_vector(rng.uniform(-2, 2, 3), rng.uniform(-1, 1, 3))
@@ -163,8 +161,7 @@ def test_redundancy_is_used_for_what_is_chosen(tolerance):
     X_WT, _ = reachable(PANDA, 100, seed=8)
     measure = Manipulability()
     first, nearest, best = (
-        solve_ik(PANDA, X_WT, tolerance=tolerance, choice=choice)
-        for choice in ("first", "nearest", "manipulability")
+        solve_ik(PANDA, X_WT, tolerance=tolerance, choice=choice) for choice in ("first", "nearest", "manipulability")
     )
     assert np.all(first.success & nearest.success & best.success)
     near = [distance(s.q, PANDA.home) for s in (first, nearest, best)]
@@ -303,6 +300,17 @@ def test_one_pose_is_solved_like_a_batch_of_it(name, restarts):
             assert a.shape == b[i].shape
             assert a.dtype == b.dtype
         assert alone.reason == together.reason[i]
+        np.testing.assert_allclose(alone.q, together.q[i], atol=1e-9)
+
+
+@pytest.mark.parametrize("choice", ["nearest", "manipulability"])
+def test_one_pose_is_given_the_choice_that_a_batch_of_it_is(choice):
+    X_WT, _ = reachable(PANDA, 10, seed=8)
+    together = solve_ik(PANDA, X_WT, choice=choice)
+    assert np.any(distance(together.q, solve_ik(PANDA, X_WT).q) > 0.1)
+    for i in range(10):
+        alone = solve_ik(PANDA, X_WT[i], choice=choice)
+        assert alone.found == together.found[i]
         np.testing.assert_allclose(alone.q, together.q[i], atol=1e-9)
 
 

@@ -70,9 +70,7 @@ def test_every_reason_is_explained():
 
 def test_the_code_of_the_page_runs(tmp_path):
     (block,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    done = subprocess.run(
-        [sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "100% solved" in done.stdout
     assert "out of reach" in done.stdout

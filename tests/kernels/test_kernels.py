@@ -89,9 +89,7 @@ def test_the_jacobian_equals_differences_of_pinocchios_kinematics(robot):
     for q in robot.random_configuration(np.random.default_rng(6), (5,)):
         ahead, back = robot.forward(q + h * np.eye(robot.n)), robot.forward(q - h * np.eye(robot.n))
         linear = (ahead.translation - back.translation) / (2 * h)
-        turn = rotation.log(rotation.multiply(ahead.quaternion, rotation.conjugate(back.quaternion))) / (
-            2 * h
-        )
+        turn = rotation.log(rotation.multiply(ahead.quaternion, rotation.conjugate(back.quaternion))) / (2 * h)
         np.testing.assert_allclose(both(q)[2].full(), np.hstack([linear, turn]).T, atol=1e-8)
 
 

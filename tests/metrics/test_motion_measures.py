@@ -43,9 +43,7 @@ def motion(x, modes=None, hand=None, y=None):
     v = np.gradient(q, axis=0) * RATE
     p = np.column_stack([q, np.zeros(len(q))])
     X_WT = Pose(np.tile([1.0, 0.0, 0.0, 0.0], (len(q), 1)), p)
-    return Motion(
-        RATE, 0.0, tuple(modes or ["approach"] * len(q)), q, v, 0 * v, X_WT, hand or HandMotion.none()
-    )
+    return Motion(RATE, 0.0, tuple(modes or ["approach"] * len(q)), q, v, 0 * v, X_WT, hand or HandMotion.none())
 
 
 def test_lengths_times_and_margins_are_those_of_the_curve():
@@ -166,9 +164,7 @@ def test_effort_is_the_way_of_the_hand_without_its_trembling():
     p = np.zeros((len(stamp), 3))
     p[:, 1] = np.interp(stamp, [0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 0.3, 0.3])
     clean = interaction_measures(motion(np.zeros(600), hand=HandMotion(stamp, p)))
-    noisy = interaction_measures(
-        motion(np.zeros(600), hand=HandMotion(stamp, p + rng.normal(0.0, 0.3e-3, p.shape)))
-    )
+    noisy = interaction_measures(motion(np.zeros(600), hand=HandMotion(stamp, p + rng.normal(0.0, 0.3e-3, p.shape))))
     assert clean["effort_m"] == pytest.approx(0.3, rel=0.02)
     assert noisy["effort_m"] == pytest.approx(0.3, rel=0.03)
     # A third of the time, and 0.083 s about it: a line fitted over 0.25 s reaches 0.02 of 0.3 m/s that early.

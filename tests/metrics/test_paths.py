@@ -29,9 +29,7 @@ def test_turning_there_and_back_adds_up():
 
 def test_the_sign_of_a_quaternion_is_no_rotation():
     q = rotation.random(np.random.default_rng(1), (20,))
-    assert rotation_path(np.repeat(q, 2, axis=0) * np.tile([[1.0], [-1.0]], (20, 1))) == pytest.approx(
-        rotation_path(q)
-    )
+    assert rotation_path(np.repeat(q, 2, axis=0) * np.tile([[1.0], [-1.0]], (20, 1))) == pytest.approx(rotation_path(q))
 
 
 def test_straightness_is_one_on_a_line_and_zero_on_a_round_trip():

@@ -50,9 +50,7 @@ def test_the_time_enters_to_the_third_power():
 
 def test_a_finely_sampled_minimum_jerk_movement_tends_to_the_continuous_value():
     assert dimensionless_jerk(minimum_jerk_speed(20000), 20000) == pytest.approx(-204.8, rel=1e-3)
-    assert log_dimensionless_jerk(minimum_jerk_position(5000), 5000, "position") == pytest.approx(
-        -5.322, abs=5e-3
-    )
+    assert log_dimensionless_jerk(minimum_jerk_position(5000), 5000, "position") == pytest.approx(-5.322, abs=5e-3)
 
 
 def test_smoothness_depends_on_neither_the_size_nor_the_speed_of_a_movement():
@@ -96,9 +94,7 @@ def test_ripples_make_a_movement_less_smooth_by_every_measure():
     x, y = np.cumsum(v) / 200, np.cumsum(rippled) / 200
     joints = np.outer(x, np.arange(1.0, 8.0))
     rippled_joints = np.outer(y, np.arange(1.0, 8.0))
-    assert log_dimensionless_jerk(rippled_joints, 200, "position") < log_dimensionless_jerk(
-        joints, 200, "position"
-    )
+    assert log_dimensionless_jerk(rippled_joints, 200, "position") < log_dimensionless_jerk(joints, 200, "position")
 
 
 def test_a_pause_between_two_movements_is_seen_by_the_spectrum():
@@ -149,9 +145,7 @@ def test_a_hand_that_trembles_at_rest_is_no_movement():
     v = np.zeros((600, 3))
     v[100:200, 0] = v[350:450, 1] = 0.1 * minimum_jerk_speed(100)
     # Tremor of 0.2 mm at 10 Hz has speeds of 1.3 cm/s, seven per cent of the peak.
-    v += 0.018 * np.sin(2 * np.pi * 10.0 * t + 1.0)[:, None] * [1.0, 0.0, 0.0] + rng.normal(
-        0.0, 0.002, v.shape
-    )
+    v += 0.018 * np.sin(2 * np.pi * 10.0 * t + 1.0)[:, None] * [1.0, 0.0, 0.0] + rng.normal(0.0, 0.002, v.shape)
     found = moving_stretches(v, 100.0)
     assert len(found) == 2
     assert [part.start for part in found] == pytest.approx([100, 350], abs=12)

@@ -99,9 +99,7 @@ def test_a_resting_hand_is_reached_alike_by_both_ways_of_slerp():
 
 def test_a_moving_hand_is_followed_without_lag_once_the_mismatch_is_gone():
     settings = ClutchSettings()
-    state = engage(
-        settings, Hand((0, 0, 0), (1.0, 0, 0, 0), 0.0), (0, 0, 0), tuple(rotation.exp([0.3, 0, 0]))
-    )
+    state = engage(settings, Hand((0, 0, 0), (1.0, 0, 0, 0), 0.0), (0, 0, 0), tuple(rotation.exp([0.3, 0, 0])))
     for k in range(1, 400):
         q = tuple(rotation.exp([0, 0, 0.01 * k]))
         state = follow(settings, state, Hand((0, 0, 0), q, k / 90))
@@ -111,9 +109,7 @@ def test_a_moving_hand_is_followed_without_lag_once_the_mismatch_is_gone():
 def test_the_speed_that_the_fading_adds_is_bounded_at_every_rate():
     for rate in (50.0, 90.0, 1000.0):
         settings = ClutchSettings(slerp=Slerp(0.1, largest_rate=1.0))
-        state = engage(
-            settings, Hand((0, 0, 0), (1.0, 0, 0, 0), 0.0), (0, 0, 0), tuple(rotation.exp([2.5, 0, 0]))
-        )
+        state = engage(settings, Hand((0, 0, 0), (1.0, 0, 0, 0), 0.0), (0, 0, 0), tuple(rotation.exp([2.5, 0, 0])))
         for k in range(1, 200):
             before, state = state, follow(settings, state, Hand((0, 0, 0), (1.0, 0, 0, 0), k / rate))
             assert rotation.angle(before.tool_q, state.tool_q) * rate <= 1.0 + 1e-6
@@ -131,9 +127,7 @@ def test_a_relative_rotation_is_scaled_and_goes_beyond_half_a_turn():
 def test_once_the_motion_has_faded_in_the_mapping_is_the_papers_again(seed):
     rng = np.random.default_rng(seed)
     relative = rng.random() < 0.5
-    fading = ClutchSettings(
-        scale=rng.uniform(0.1, 3), orientation="relative" if relative else "absolute", fade=0.3
-    )
+    fading = ClutchSettings(scale=rng.uniform(0.1, 3), orientation="relative" if relative else "absolute", fade=0.3)
     plain = replace(fading, fade=0.0)
     hand = random_hand(rng, 1.0)
     p, q = tuple(rng.normal(size=3)), tuple(rotation.random(rng))

@@ -64,9 +64,7 @@ def test_scaling_by_one_changes_nothing_and_by_zero_stands_still():
     recording = HandRecording.from_array(spiral())
     assert recording.scaled(1.0, 1.0).X_SH.almost_equal(recording.X_SH, 1e-9)
     still = recording.scaled(0.0, 0.0).X_SH
-    assert still.almost_equal(
-        Pose(np.tile(still.quaternion[0], (100, 1)), np.tile(still.translation[0], (100, 1)))
-    )
+    assert still.almost_equal(Pose(np.tile(still.quaternion[0], (100, 1)), np.tile(still.translation[0], (100, 1))))
 
 
 def test_rotations_are_scaled_past_half_a_turn_without_a_jump():

@@ -25,9 +25,7 @@ def literal_one_euro(x, rate, cutoff, slope, speed_cutoff):
 
 
 def run(settings, p, q=None):
-    hands = [
-        Hand(tuple(p[k]), (1.0, 0.0, 0.0, 0.0) if q is None else tuple(q[k]), k / RATE) for k in range(len(p))
-    ]
+    hands = [Hand(tuple(p[k]), (1.0, 0.0, 0.0, 0.0) if q is None else tuple(q[k]), k / RATE) for k in range(len(p))]
     state = begin(hands[0])
     states = [state]
     for hand in hands[1:]:
@@ -40,9 +38,7 @@ def test_it_is_the_published_filter_for_motion_along_one_axis():
     rng = np.random.default_rng(0)
     x = np.cumsum(rng.normal(size=300)) * 1e-3
     states = run(Smoothing(1.2, 7.0, 5.0, 0.9), np.outer(x, [1, 0, 0]))
-    np.testing.assert_allclose(
-        [s.hand.p[0] for s in states], literal_one_euro(x, RATE, 1.2, 7.0, 0.9), atol=1e-12
-    )
+    np.testing.assert_allclose([s.hand.p[0] for s in states], literal_one_euro(x, RATE, 1.2, 7.0, 0.9), atol=1e-12)
 
 
 def test_rotations_about_one_axis_obey_the_same_law():
@@ -80,9 +76,7 @@ def test_after_recentring_the_hand_heads_where_the_tool_does():
     for _ in range(20):
         settings = ClutchSettings(R_WS=tuple(rotation.random(rng)))
         tool = rotation.exp([0, 0, rng.uniform(-3, 3)])
-        hand_q = rotation.multiply(
-            rotation.conjugate(settings.R_WS), rotation.exp([0, 0, rng.uniform(-3, 3)])
-        )
+        hand_q = rotation.multiply(rotation.conjugate(settings.R_WS), rotation.exp([0, 0, rng.uniform(-3, 3)]))
         new = recentred(settings, Hand((0, 0, 0), tuple(hand_q), 0.0), tuple(tool))
         assert rotation.angle(rotation.multiply(new.R_WS, hand_q), tool) < 1e-6
 

@@ -15,10 +15,7 @@ OBJECTS = {
     "can": Pose.from_translation([0.5, 0.25, 0.0]),
     "mug": Pose.from_translation([0.55, -0.1, 0.0]),
 }
-GRASPS = {
-    name: Pose.from_quaternion([0.0, 1.0, 0.0, 0.0], X.translation + [0, 0, 0.05])
-    for name, X in OBJECTS.items()
-}
+GRASPS = {name: Pose.from_quaternion([0.0, 1.0, 0.0, 0.0], X.translation + [0, 0, 0.05]) for name, X in OBJECTS.items()}
 
 
 class Scene:
@@ -51,9 +48,7 @@ class Scene:
             if not automatic:
                 moved = rotation.rotate(R_WS_DEFAULT, sample.X_SH.translation - origin[1])
                 self.drift = getattr(self, "drift", np.zeros(3)) + self.assistance / rate
-                X = Pose(
-                    rotation.multiply(R_WS_DEFAULT, sample.X_SH.quaternion), origin[0] + moved + self.drift
-                )
+                X = Pose(rotation.multiply(R_WS_DEFAULT, sample.X_SH.quaternion), origin[0] + moved + self.drift)
         self.X_SH = Pose.stack([sample.X_SH for sample in samples])
         return self
 
@@ -66,10 +61,7 @@ def test_who_grasps_by_hand_closes_the_jaws_at_the_grasp_that_is_shown():
         off = scene.tools[0].translation - GRASPS["can"].translation
         # What trembles and drifts after the last observation comes on top of the tolerance.
         assert np.linalg.norm(off) <= human.grasp_tolerance[0] + 0.008
-        assert (
-            rotation.angle(scene.tools[0].quaternion, GRASPS["can"].quaternion)
-            <= human.grasp_tolerance[1] + 0.05
-        )
+        assert rotation.angle(scene.tools[0].quaternion, GRASPS["can"].quaternion) <= human.grasp_tolerance[1] + 0.05
 
 
 def test_who_grasps_by_hand_goes_by_way_of_the_pregrasp():
@@ -115,11 +107,7 @@ def test_a_robot_that_goes_for_another_object_is_stopped_and_shown_the_right_one
 def test_the_hand_trembles_alike_whatever_the_person_decides():
     rest = HumanParameters(initial_rest=100.0)
     a = Scene(Simulated(5, [Intention("can")], human=rest)).play(1.0).X_SH.translation
-    b = (
-        Scene(Simulated(5, [Intention("mug"), Intention("can")], human=rest, by_hand=True))
-        .play(1.0)
-        .X_SH.translation
-    )
+    b = Scene(Simulated(5, [Intention("mug"), Intention("can")], human=rest, by_hand=True)).play(1.0).X_SH.translation
     np.testing.assert_allclose(a - a[0], b - b[0], atol=1e-12)
 
 
@@ -132,9 +120,7 @@ def test_every_type_brings_its_tool_to_the_wanted_object():
 
 
 def mean_time(kind, seeds=range(8)):
-    return np.mean(
-        [Scene(Simulated.of_type(kind, "can", OBJECTS, seed=s)).play(8.0).presses[0] for s in seeds]
-    )
+    return np.mean([Scene(Simulated.of_type(kind, "can", OBJECTS, seed=s)).play(8.0).presses[0] for s in seeds])
 
 
 def test_the_hasty_hand_over_sooner_than_the_typical_and_the_patient_later():

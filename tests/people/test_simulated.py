@@ -36,9 +36,7 @@ class Trial(NamedTuple):
     X_WT: list[Pose]  # of the tool at each press
 
 
-def act_out(
-    operator, duration, *, rate=180.0, robot_works_for=np.inf, robot_starts=True, finish_after=np.inf
-):
+def act_out(operator, duration, *, rate=180.0, robot_works_for=np.inf, robot_starts=True, finish_after=np.inf):
     """A tool that follows the hand at once in the paper's mapping, and stands still while automatic."""
     X_WT, automatic, finished, pressed_before, since = X_WT_START, False, False, False, 0.0
     samples, presses, tools, origin = [], [], [], None
@@ -197,9 +195,7 @@ def test_a_miss_is_seen_and_corrected():
     worst = {}
     for corrections in (0, 6):
         human = HumanParameters(motor_noise=0.4, corrections=corrections, attempts=0)
-        trials = [
-            act_out(Simulated(seed, [Intention("can")], human=human, aims=aims), 9.0) for seed in range(4)
-        ]
+        trials = [act_out(Simulated(seed, [Intention("can")], human=human, aims=aims), 9.0) for seed in range(4)]
         worst[corrections] = max(np.linalg.norm(t.X_WT[0].translation - goal.translation) for t in trials)
     # What drifts and trembles after the last observation comes on top of the tolerance.
     assert worst[6] <= human.position_tolerance + 0.008 < worst[0]

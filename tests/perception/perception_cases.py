@@ -40,9 +40,7 @@ def _table(corners, X_WC, camera):
     rays = camera.rays() @ X_WC.rotation_matrix().T
     with np.errstate(divide="ignore"):
         depth = -X_WC.translation[2] / rays[..., 2]
-    hit = (depth > 0) & np.all(
-        np.abs(X_WC.translation[:2] + depth[..., None] * rays[..., :2]) < TABLE_HALF, axis=-1
-    )
+    hit = (depth > 0) & np.all(np.abs(X_WC.translation[:2] + depth[..., None] * rays[..., :2]) < TABLE_HALF, axis=-1)
     return np.where(hit, depth, np.inf), np.full(depth.shape, -1)
 
 

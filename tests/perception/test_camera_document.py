@@ -48,9 +48,7 @@ def test_the_projection_has_the_rows_of_the_page():
 def test_noise_is_that_of_the_page():
     noise = DepthNoise()
     for z, theta in ((0.5, 0.0), (1.0, 0.7), (2.0, 1.2)):
-        expected = (
-            0.0012 + 0.0019 * (z - 0.4) ** 2 + 0.0001 / np.sqrt(z) * theta**2 / (np.pi / 2 - theta) ** 2
-        )
+        expected = 0.0012 + 0.0019 * (z - 0.4) ** 2 + 0.0001 / np.sqrt(z) * theta**2 / (np.pi / 2 - theta) ** 2
         assert noise.sigma(np.array(z), theta) == pytest.approx(expected)
     assert noise.sigma(np.array(0.6)) == pytest.approx(1.3e-3, abs=0.05e-3)
     assert noise.sigma(np.array(1.0)) == pytest.approx(1.9e-3, abs=0.05e-3)

@@ -300,9 +300,7 @@ def test_names_of_one_kind_are_numbered_from_the_second_on():
 
 
 def test_same_images_and_seed_give_the_same_state(table, first):
-    image = DepthImage(
-        first.objects["can"].image.depth, SMALL, table.camera.X_WC, first.objects["can"].image.stamp
-    )
+    image = DepthImage(first.objects["can"].image.depth, SMALL, table.camera.X_WC, first.objects["can"].image.stamp)
     state, _ = table.observer.observe(SceneState(), image, table.robot.home)
     for name, grasps in state.library.items():
         assert grasps.X_OG.matrix().tobytes() == first.library[name].X_OG.matrix().tobytes()

@@ -58,9 +58,7 @@ def test_the_capsules_end_where_the_arm_s_joints_put_them(robot):
         X_WT, X_WT0 = robot.forward(q), robot.forward(robot.home)
         home, _ = capsules_at(robot, robot.home)
         hand = capsules.joint == robot.n - 1
-        np.testing.assert_allclose(
-            X_WT.inverse().apply(ends[hand]), X_WT0.inverse().apply(home[hand]), atol=1e-9
-        )
+        np.testing.assert_allclose(X_WT.inverse().apply(ends[hand]), X_WT0.inverse().apply(home[hand]), atol=1e-9)
         still = capsules.joint < 0
         np.testing.assert_allclose(ends[still], capsules.ends[still])
 

@@ -129,9 +129,7 @@ def test_free_space_tells_a_short_can_from_a_long_one():
     image, owner = drawn([(short.mesh, upright())], noise=1e-3)
     segment, standing = segment_of(image, owner), PoseHypotheses.of(Pose.stack([upright()]))
     points, space = segment.cloud.points, free_space(image)
-    fits = [
-        fit(standing, points, t, space, tolerance=0.005, table_height=0.0, count=600) for t in (short, long)
-    ]
+    fits = [fit(standing, points, t, space, tolerance=0.005, table_height=0.0, count=600) for t in (short, long)]
     assert fits[0].violations[0] == 0.0
     assert fits[1].violations[0] > 0.4
     assert register(segment, [long], image).refusal

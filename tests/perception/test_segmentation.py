@@ -96,9 +96,7 @@ def test_an_object_at_the_edge_of_the_image_says_so(robot, view):
 def test_an_object_beside_the_arm_says_so(robot, view):
     can = view.pixels_of("can")
     beside = np.zeros_like(can)
-    beside[:, : np.flatnonzero(can.any(axis=0)).mean().astype(int)] = (
-        True  # the left half of the can and beyond
-    )
+    beside[:, : np.flatnonzero(can.any(axis=0)).mean().astype(int)] = True  # the left half of the can and beyond
     found = segment_image(view.image, robot_mask=beside | arm_of(robot, view)).segments
     touching = [s for s in found if s.touches_robot]
     assert len(touching) == 1
@@ -137,9 +135,7 @@ def flat(raised, height):
     """Return the exact image of an empty table in which the pixels ``raised`` are ``height`` above it."""
     R = X_WC.rotation_matrix()
     falling = CAMERA.rays() @ R[2]
-    return DepthImage(
-        np.where(raised, height - X_WC.translation[2], -X_WC.translation[2]) / falling, CAMERA, X_WC
-    )
+    return DepthImage(np.where(raised, height - X_WC.translation[2], -X_WC.translation[2]) / falling, CAMERA, X_WC)
 
 
 def block(rows, columns):
@@ -165,9 +161,7 @@ def test_an_object_of_one_pixel_is_dropped_with_its_count_and_reason():
     one = segment_image(flat(block(slice(100, 101), slice(150, 151)), 0.05))
     assert one.segments == ()
     assert one.dropped == ((1, "fewer than 60 pixels"),)
-    kept = segment_image(
-        flat(block(slice(100, 101), slice(150, 151)), 0.05), settings=SegmentationSettings(smallest=1)
-    )
+    kept = segment_image(flat(block(slice(100, 101), slice(150, 151)), 0.05), settings=SegmentationSettings(smallest=1))
     assert [len(s.cloud) for s in kept.segments] == [1]
     assert np.linalg.norm(kept.segments[0].cloud.normals) == pytest.approx(1.0)
 

@@ -53,9 +53,7 @@ def test_another_shape_or_setting_is_another_file(folder, computations):
     assert (len(computations), len(list(folder.iterdir()))) == (3, 3)
 
 
-@pytest.mark.parametrize(
-    "damage", [lambda content: content[:-100], lambda content: b"", lambda content: content[::-1]]
-)
+@pytest.mark.parametrize("damage", [lambda content: content[:-100], lambda content: b"", lambda content: content[::-1]])
 def test_a_damaged_file_is_replaced(folder, computations, damage):
     first = kept()
     (path,) = folder.iterdir()

@@ -87,9 +87,7 @@ def test_the_same_mesh_and_seed_give_the_same_template():
 
 def test_a_template_of_zero_volume_is_refused():
     flat = TriangleMesh(np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0.0]]), np.array([[0, 1, 2], [0, 2, 1]]))
-    tilted = TriangleMesh(
-        np.array([[0, 0, 0], [0.1, 0, 0.1], [0, 0.1, 0.1]]), np.array([[0, 1, 2], [0, 2, 1]])
-    )
+    tilted = TriangleMesh(np.array([[0, 0, 0], [0.1, 0, 0.1], [0, 0.1, 0.1]]), np.array([[0, 1, 2], [0, 2, 1]]))
     for mesh in (flat, tilted):
         with pytest.raises(InvalidValue, match="volume of template sheet"):
             template_from_mesh("sheet", mesh)
@@ -159,8 +157,4 @@ def test_add_s_does_not_see_what_the_shape_does_not_show():
     assert surface_tail(mug, Pose.identity(), quarter) > 0.012
     assert surface_tail(can, Pose.identity(), quarter) < 2e-3
     shift = Pose.from_translation([0.0, 0.0, 0.004])
-    assert (
-        0.0
-        < surface_distance(can, Pose.identity(), shift)
-        <= add_s(can.points, Pose.identity(), shift) + 1e-4
-    )
+    assert 0.0 < surface_distance(can, Pose.identity(), shift) <= add_s(can.points, Pose.identity(), shift) + 1e-4

@@ -59,10 +59,7 @@ def test_the_arm_hides_it_whatever_is_measured():
 
 def test_where_nothing_is_measured_it_is_hidden():
     assert visibility_in_place(known(), image(np.nan), NOWHERE) is ExpectedVisibility.HIDDEN
-    assert (
-        visibility_at(known(), Pose.from_translation([9.0, 0.0, 1.0]), image(1.0))
-        is ExpectedVisibility.HIDDEN
-    )
+    assert visibility_at(known(), Pose.from_translation([9.0, 0.0, 1.0]), image(1.0)) is ExpectedVisibility.HIDDEN
 
 
 def test_it_may_be_in_another_place_unless_the_camera_sees_through_it_there():
@@ -85,10 +82,7 @@ def test_a_segment_shows_what_was_at_its_depth_not_what_is_behind_it():
     assert share(1.0) == 1.0
     assert share(0.8) == 0.0
     assert share(1.0, moved=True) == 1.0  # by its surface
-    assert (
-        explained_share(segment_from_pixels(image(1.0), ~PIXELS), image(1.0), known(), None, moved=False)
-        < 0.05
-    )
+    assert explained_share(segment_from_pixels(image(1.0), ~PIXELS), image(1.0), known(), None, moved=False) < 0.05
 
 
 def test_more_of_an_object_that_comes_into_view_belongs_to_it():

@@ -190,9 +190,7 @@ def test_a_joint_at_its_limit_counts_as_not_there_in_the_jacobian_of_chan_and_du
 @pytest.mark.parametrize("singularity", SINGULARITY)
 def test_limits_in_the_jacobian_count_nothing_in_the_middle_of_all_ranges(singularity, joint_limits):
     middle = 0.5 * (PANDA.limits.lower + PANDA.limits.upper)
-    weighted, plain = (
-        Manipulability(singularity, kind).evaluate(PANDA, middle) for kind in (joint_limits, "none")
-    )
+    weighted, plain = (Manipulability(singularity, kind).evaluate(PANDA, middle) for kind in (joint_limits, "none"))
     assert weighted == pytest.approx(plain, rel=1e-7)
     assert plain > 0.0
 

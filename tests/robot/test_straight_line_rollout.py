@@ -17,9 +17,7 @@ def ends_near(robot, count, rng, size=0.15):
     start = robot.forward(robot.home)
     shift = rng.uniform(-size, size, (count, 3))
     turn = rotation.exp(rng.uniform(-size, size, (count, 3)))
-    return start, Pose(
-        rotation.multiply(turn, np.tile(start.quaternion, (count, 1))), start.translation + shift
-    )
+    return start, Pose(rotation.multiply(turn, np.tile(start.quaternion, (count, 1))), start.translation + shift)
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

@@ -92,9 +92,7 @@ class TestHiddenSide:
         whole = with_hidden_side(seen_from(brick, EYE), EYE)
         guessed = whole.select(~whole.seen_mask).points
         outside = guessed[np.any(np.abs(guessed[:, :2]) > [0.026, 0.036], axis=1)]
-        rays = (outside - EYE)[:, None] * np.linspace(0.0, 1.0, 400)[
-            :, None
-        ] + EYE  # from the eye to the point
+        rays = (outside - EYE)[:, None] * np.linspace(0.0, 1.0, 400)[:, None] + EYE  # from the eye to the point
         near = np.abs(rays - [0.0, 0.0, 0.04]) < np.array([0.02, 0.03, 0.04]) + 0.012
         assert np.all(near.all(axis=2).any(axis=1))
 
@@ -117,9 +115,7 @@ class TestDetection:
         assert np.all(grasps.X_OG.rotation_matrix()[:, 2, 2] <= 1e-9)
         assert grasps.provenance["source"] == "cloud"
 
-    def test_a_brick_seen_from_one_side_is_held_by_a_face_that_was_not_seen(
-        self, brick: TriangleMesh
-    ) -> None:
+    def test_a_brick_seen_from_one_side_is_held_by_a_face_that_was_not_seen(self, brick: TriangleMesh) -> None:
         seen = seen_from(brick, EYE)
         assert len(detect(seen)) == 0
         grasps = detect(seen, viewpoint=EYE)

@@ -42,9 +42,7 @@ class TestSurface:
         gaps = np.linalg.norm(grid.reshape(-1, 1, 2) - top, axis=-1).min(axis=1)
         assert gaps.max() < 3 * 0.002
 
-    def test_sharp_corners_are_among_the_points_and_round_sides_are_not_marked(
-        self, brick: TriangleMesh
-    ) -> None:
+    def test_sharp_corners_are_among_the_points_and_round_sides_are_not_marked(self, brick: TriangleMesh) -> None:
         surface = sample_surface(brick, 0.002, np.random.default_rng(0))
         for corner in brick.vertices:
             assert np.linalg.norm(surface.points - corner, axis=1).min() < 1e-12
@@ -61,12 +59,8 @@ class TestSurface:
         moved = TriangleMesh(brick.vertices + shift, brick.faces)
         assert np.allclose(centre_of_mass(moved) - shift, [0.0, 0.0, 0.04])
 
-    def test_an_open_surface_is_known_as_open_and_has_the_centre_of_its_area(
-        self, brick: TriangleMesh
-    ) -> None:
-        bottomless = TriangleMesh(
-            brick.vertices, brick.faces[np.ptp(brick.vertices[brick.faces, 2], axis=1) > 0]
-        )
+    def test_an_open_surface_is_known_as_open_and_has_the_centre_of_its_area(self, brick: TriangleMesh) -> None:
+        bottomless = TriangleMesh(brick.vertices, brick.faces[np.ptp(brick.vertices[brick.faces, 2], axis=1) > 0])
         assert is_closed(brick)
         assert not is_closed(bottomless)
         assert np.allclose(centre_of_mass(bottomless), [0.0, 0.0, 0.04])
@@ -74,9 +68,7 @@ class TestSurface:
 
 class TestRays:
     def test_a_ray_through_a_box_leaves_it_once_at_the_far_face(self, brick: TriangleMesh) -> None:
-        ray, distance, normal = exits(
-            brick, np.array([[-0.02, 0.011, 0.031]]), np.array([[1.0, 0.0, 0.0]]), 0.1
-        )
+        ray, distance, normal = exits(brick, np.array([[-0.02, 0.011, 0.031]]), np.array([[1.0, 0.0, 0.0]]), 0.1)
         assert ray.tolist() == [0]
         assert distance == pytest.approx([0.04])
         assert np.allclose(normal, [[1.0, 0.0, 0.0]])

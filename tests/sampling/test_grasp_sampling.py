@@ -37,9 +37,7 @@ def collides(grasps: GraspSet, mesh: TriangleMesh, distance: float) -> np.ndarra
 
 
 @every_object
-def test_there_are_as_many_grasps_as_asked_for_and_no_reason_for_fewer(
-    name: str, grasps_of: GraspsOf
-) -> None:
+def test_there_are_as_many_grasps_as_asked_for_and_no_reason_for_fewer(name: str, grasps_of: GraspsOf) -> None:
     grasps = grasps_of(name)
     assert len(grasps) == 150
     assert "reason" not in grasps.provenance
@@ -54,9 +52,7 @@ def test_the_open_gripper_touches_nothing_anywhere_on_its_way_in(
 
 
 @every_object
-def test_half_turned_grasps_are_as_free_as_the_stored_ones(
-    name: str, grasps_of: GraspsOf, meshes: Meshes
-) -> None:
+def test_half_turned_grasps_are_as_free_as_the_stored_ones(name: str, grasps_of: GraspsOf, meshes: Meshes) -> None:
     grasps = grasps_of(name)
     turned = replace(grasps, X_OG=grasps.X_OG @ Pose.from_rotation_vector([0.0, 0.0, np.pi], np.zeros(3)))
     assert not collides(turned, meshes[name], 0.0).any()
@@ -77,13 +73,9 @@ def test_jaws_meet_opposite_walls_as_far_apart_as_the_opening_says(
 ) -> None:
     grasps, mesh, stroke = grasps_of(name), meshes[name], PANDA_HAND.max_opening
     y = grasps.X_OG.rotation_matrix()[:, :, 1]
-    reach = np.full(
-        (2, len(grasps)), -np.inf
-    )  # how far the object reaches towards either jaw, from the other one
+    reach = np.full((2, len(grasps)), -np.inf)  # how far the object reaches towards either jaw, from the other one
     for x, z in np.ndindex(5, 5):
-        on_the_pad = np.array(
-            [(x - 2) / 4.1 * PANDA_HAND.pad_size[0], 0.0, (z - 2) / 4.1 * PANDA_HAND.pad_size[1]]
-        )
+        on_the_pad = np.array([(x - 2) / 4.1 * PANDA_HAND.pad_size[0], 0.0, (z - 2) / 4.1 * PANDA_HAND.pad_size[1]])
         middle = grasps.X_OG.apply(on_the_pad)
         for side, along in enumerate((y, -y)):
             ray, distance, _ = exits(mesh, middle - 0.5 * stroke * along, along, stroke)
@@ -144,9 +136,7 @@ def test_a_box_is_held_by_opposite_faces(few_grasps: GraspSet) -> None:
 
 def test_what_is_too_big_for_the_jaws_gives_no_grasps_and_the_reason() -> None:
     drum = revolved([(0.06, 0.0), (0.06, 0.12)])
-    grasps = sample_grasps(
-        drum, PANDA_HAND, name="drum", seed=0, settings=AntipodalSettings(count=5, max_rounds=2)
-    )
+    grasps = sample_grasps(drum, PANDA_HAND, name="drum", seed=0, settings=AntipodalSettings(count=5, max_rounds=2))
     assert len(grasps) == 0
     assert "0 of 5 found in 2 rounds" in str(grasps.provenance["reason"])
 

@@ -53,9 +53,7 @@ class TestBuildingOverWhatIsThere:
         kind: str,
     ) -> None:
         other = replace(few_grasps, provenance={**few_grasps.provenance, "seed": 7})
-        cloud = replace(
-            few_grasps, object_hash="cloud:1", provenance={"source": "cloud", "made_from": "a template"}
-        )
+        cloud = replace(few_grasps, object_hash="cloud:1", provenance={"source": "cloud", "made_from": "a template"})
         there = {
             "imported": (imported, "imported from poses.csv"),
             "of a view": (cloud, "made from a view"),
@@ -75,9 +73,7 @@ class TestBuildingOverWhatIsThere:
         save_set(few_grasps, tmp_path)
         meshes = {"stone": brick, "brick": brick}
         with pytest.raises(InvalidValue, match=r"grasps with clearance 0.004"):
-            build_library(
-                meshes, PANDA_HAND, seed=1, directory=tmp_path, settings=replace(few, clearance=0.004)
-            )
+            build_library(meshes, PANDA_HAND, seed=1, directory=tmp_path, settings=replace(few, clearance=0.004))
         assert not path_of(tmp_path, "stone").exists()
 
     def test_tried_grasps_that_were_made_as_asked_are_used_with_their_outcome(
@@ -120,9 +116,7 @@ class TestKeeping:
         keep_set(few_grasps, tmp_path, replace=True)
         assert load_set(path).tried is None
 
-    def test_other_poses_are_other_grasps(
-        self, tmp_path: Path, few_grasps: GraspSet, imported: GraspSet
-    ) -> None:
+    def test_other_poses_are_other_grasps(self, tmp_path: Path, few_grasps: GraspSet, imported: GraspSet) -> None:
         keep_set(imported, tmp_path)
         with pytest.raises(InvalidValue, match=r"poses.csv.*sampled with seed 1"):
             keep_set(few_grasps, tmp_path)
@@ -170,9 +164,7 @@ class TestBuilding:
         assert same(again["brick"], built["brick"])
         assert calls == [("brick", 1, 1)]
 
-    @pytest.mark.parametrize(
-        "what", ["seed", "settings", "mesh", "gripper name", "gripper shape", "damage", "name"]
-    )
+    @pytest.mark.parametrize("what", ["seed", "settings", "mesh", "gripper name", "gripper shape", "damage", "name"])
     def test_anything_that_differs_makes_it_sample_anew_if_it_may(
         self, tmp_path: Path, brick: TriangleMesh, few: AntipodalSettings, sampled: list[str], what: str
     ) -> None:

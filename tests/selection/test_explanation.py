@@ -60,6 +60,17 @@ def test_the_text_has_a_line_for_each_row_and_names_units_and_reasons(ranking):
     assert len(ranking.table(limit=3).splitlines()) == 7
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_next_best_grasp_is_named_where_there_is_one(count):
+    rng = np.random.default_rng(12)
+    one = GraspSelector(None, None, object(), solve=no_solutions, refresh_limit=0)
+    one.robot = type("Arm", (), {"n": JOINTS})
+    one.use(random_table(rng, random_candidates(rng, counts=(count,)), reachable=1.0))
+    ranking = one.rank(random_hand(rng), np.zeros(JOINTS))
+    assert len(ranking.of("mug")) == count
+    assert ("Next best: grasp" in ranking.explain()) == (count > 1)
+
+
 def test_a_ranking_of_nothing_says_so():
     empty = Ranking.empty("no candidates were observed")
     assert empty.rows() == ()

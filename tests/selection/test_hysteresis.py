@@ -80,10 +80,7 @@ def test_the_first_ranking_with_hysteresis_is_that_without():
     candidates, q = random_candidates(rng), np.zeros(JOINTS)
     for _ in range(20):
         X = random_hand(rng)
-        assert (
-            selector(hysteresis=ZONE).rank(X, q, candidates).chosen
-            == selector().rank(X, q, candidates).chosen
-        )
+        assert selector(hysteresis=ZONE).rank(X, q, candidates).chosen == selector().rank(X, q, candidates).chosen
 
 
 def test_a_resting_ranking_is_made_again_when_the_scene_or_the_table_changed():

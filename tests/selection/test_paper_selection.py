@@ -40,9 +40,7 @@ def usable_poses(table, i):
     """The orientations under which grasp i can be reached, with their manipulability."""
     q = tuple(table.candidates.X_WG.quaternion[i].tolist())
     poses = [q, half_turned(q)] if table.candidates.jaw_symmetric else [q]
-    return [
-        (pose, float(table.manipulability[i, t])) for t, pose in enumerate(poses) if table.status[i, t] == 0
-    ]
+    return [(pose, float(table.manipulability[i, t])) for t, pose in enumerate(poses) if table.status[i, t] == 0]
 
 
 def literal_selection(table, hand, k):

@@ -122,9 +122,7 @@ def test_the_ranking_does_not_depend_on_the_order_of_the_objects():
     rng = np.random.default_rng(4)
     candidates = random_candidates(rng, (20, 30, 40))
     table, hand = random_table(rng, candidates), random_hand(rng)
-    renamed = replace(
-        candidates, object_names=candidates.object_names[::-1], object_index=2 - candidates.object_index
-    )
+    renamed = replace(candidates, object_names=candidates.object_names[::-1], object_index=2 - candidates.object_index)
     one, two = rank(table, hand), rank(replace(table, candidates=renamed), hand)
     assert one.chosen == two.chosen
     assert one.order.tolist() == two.order.tolist()
@@ -287,8 +285,7 @@ def test_the_best_object_is_the_one_that_the_hand_points_at_whatever_the_rule(ru
         table, hand = random_table(rng, random_candidates(rng, (20, 20, 20))), random_hand(rng)
         ranking = rank(table, hand, rule)
         far = {
-            name: min(aim(hand, ranking.target_of(i).X_WG) for i in ranking.of(name))
-            for name in ranking.object_names
+            name: min(aim(hand, ranking.target_of(i).X_WG) for i in ranking.of(name)) for name in ranking.object_names
         }
         assert ranking.best == min(far, key=far.get)
         assert ranking.target().candidate == ranking.order[0]
@@ -364,9 +361,7 @@ def test_the_place_in_an_explanation_is_the_place_in_the_sorted_costs():
         (Pose.identity(), None, "shape"),
     ],
 )
-def test_a_pose_or_configuration_that_cannot_be_used_gives_the_previous_ranking_with_the_reason(
-    hand, q, words
-):
+def test_a_pose_or_configuration_that_cannot_be_used_gives_the_previous_ranking_with_the_reason(hand, q, words):
     rng = np.random.default_rng(23)
     selector = GraspSelector(ROBOT, None, SmoothMeasure(), solve=solve_all)
     selector.use(table_of(random_candidates(rng, (10,))))

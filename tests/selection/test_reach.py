@@ -124,15 +124,11 @@ def test_a_measure_that_is_not_a_number_counts_as_nothing():
         def evaluate(self, robot, q):
             return np.where(np.arange(len(q)) % 2, np.nan, 0.4)
 
-    table = table_of(
-        random_candidates(np.random.default_rng(47), (4,), jaw_symmetric=False), manipulability=Broken()
-    )
+    table = table_of(random_candidates(np.random.default_rng(47), (4,), jaw_symmetric=False), manipulability=Broken())
     assert table.manipulability[:, 0].tolist() == [0.4, 0.0, 0.4, 0.0]
 
 
-@pytest.mark.parametrize(
-    "settings", [{"standoff": -0.1}, {"standoff": float("nan")}, {"q": np.full(JOINTS, np.nan)}]
-)
+@pytest.mark.parametrize("settings", [{"standoff": -0.1}, {"standoff": float("nan")}, {"q": np.full(JOINTS, np.nan)}])
 def test_settings_that_make_no_table_are_refused(settings):
     with pytest.raises(InvalidValue):
         table_of(random_candidates(np.random.default_rng(48), (2,)), **settings)
@@ -236,9 +232,7 @@ def test_candidates_given_to_rank_are_observed_once():
     # The same grasps in another object: known already.
     selector.rank(hand, Q, replace(candidates))
     assert len(solve.calls) == 2
-    selector.rank(
-        hand, Q, replace(candidates, X_WG=Pose.from_translation([0.01, 0.0, 0.0]) @ candidates.X_WG)
-    )
+    selector.rank(hand, Q, replace(candidates, X_WG=Pose.from_translation([0.01, 0.0, 0.0]) @ candidates.X_WG))
     assert len(solve.calls) == 4
 
 

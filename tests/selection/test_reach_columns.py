@@ -61,12 +61,9 @@ def grasps(places, count=30):
         yaw, lean = rng.uniform(-np.pi, np.pi, count), rng.uniform(0.0, np.radians(80.0), count)
         zero = np.zeros(count)
         turns = [
-            np.stack(axis, axis=-1)
-            for axis in ((zero, zero, yaw), (zero, lean, zero), (zero + np.pi, zero, zero))
+            np.stack(axis, axis=-1) for axis in ((zero, zero, yaw), (zero, lean, zero), (zero + np.pi, zero, zero))
         ]
-        q = rotation.multiply(
-            rotation.multiply(rotation.exp(turns[0]), rotation.exp(turns[1])), rotation.exp(turns[2])
-        )
+        q = rotation.multiply(rotation.multiply(rotation.exp(turns[0]), rotation.exp(turns[1])), rotation.exp(turns[2]))
         pieces.append(Pose(q, np.tile([*places[name], 0.8 * HEIGHT[name]], (count, 1))))
     return Candidates(
         object_names=tuple(HEIGHT),
@@ -127,9 +124,7 @@ def test_the_clearance_is_that_of_grasp_and_pre_grasp_without_the_grasped_object
         at_grasp = scene.measure(table.q_grasp[i, t][None], np.array([name]))
         before = scene.measure(table.q_pregrasp[i, t][None])
         expected = min(*at_grasp.own, *at_grasp.world, *before.own, *before.world)
-        assert table.columns[columns.CLEARANCE][i, t] == pytest.approx(
-            max(expected, columns.OVERLAP), abs=1e-12
-        )
+        assert table.columns[columns.CLEARANCE][i, t] == pytest.approx(max(expected, columns.OVERLAP), abs=1e-12)
 
 
 def test_predicted_motion_is_the_path_rolled_out_one_row_at_a_time():
@@ -154,8 +149,7 @@ def test_predicted_motion_is_the_path_rolled_out_one_row_at_a_time():
         assert found[columns.PATH_MANIPULABILITY] >= M.min() - 1e-12
         assert found[columns.PATH_MANIPULABILITY] <= np.median(M)
         touch = np.array(
-            [""] * first.steps[0]
-            + [table.candidates.object_names[table.candidates.object_index[i]]] * last.steps[0]
+            [""] * first.steps[0] + [table.candidates.object_names[table.candidates.object_index[i]]] * last.steps[0]
         )
         every = scene.measure(path, touch)
         least = max(np.minimum(every.own, every.world).min(), columns.OVERLAP)

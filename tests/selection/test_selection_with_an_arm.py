@@ -56,8 +56,7 @@ def observed():
     robot = load_robot("panda")
     candidates = leaning_grasps(np.random.default_rng(61))
     obstacles = {
-        name: (block(0.04, 0.04, HEIGHTS[name]), Pose.from_translation([*PLACES[name], 0.0]))
-        for name in PLACES
+        name: (block(0.04, 0.04, HEIGHTS[name]), Pose.from_translation([*PLACES[name], 0.0])) for name in PLACES
     }
     scene = CollisionModel(robot).scene(obstacles)
     selector = GraspSelector(robot, solve=lambda X_WT, seeds: solve_ik(robot, X_WT, seeds=seeds))

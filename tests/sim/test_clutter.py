@@ -54,9 +54,7 @@ def test_the_same_seed_gives_the_same_scene_and_another_seed_another(robot, scen
     for name, X in again.world.X_WO.items():
         assert X.translation.tobytes() == scenes[0].world.X_WO[name].translation.tobytes()
     assert again.q.tobytes() == scenes[0].q.tobytes()
-    assert (
-        list(scenes[1].world.X_WO) != list(scenes[0].world.X_WO) or scenes[1].q.tobytes() != again.q.tobytes()
-    )
+    assert list(scenes[1].world.X_WO) != list(scenes[0].world.X_WO) or scenes[1].q.tobytes() != again.q.tobytes()
 
 
 def test_objects_can_be_chosen_and_be_made_to_stand(robot):

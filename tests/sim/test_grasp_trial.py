@@ -60,9 +60,7 @@ def test_jaws_that_close_on_nothing_lift_nothing(side_grasp: GraspSet) -> None:
 
 
 @pytest.mark.parametrize(("jaw_force", "held"), [(0.5, False), (12.0, True)])
-def test_a_can_is_held_when_friction_can_carry_its_weight(
-    side_grasp: GraspSet, jaw_force: float, held: bool
-) -> None:
+def test_a_can_is_held_when_friction_can_carry_its_weight(side_grasp: GraspSet, jaw_force: float, held: bool) -> None:
     can = object_model("can")
     carried = 2 * can.friction * jaw_force / (can.mass * 9.81)
     assert carried > 4.0 or carried < 0.25
@@ -100,9 +98,7 @@ def test_an_object_can_be_tried_as_it_lies(side_grasp: GraspSet) -> None:
     from_above = Pose.from_rotation_vector([np.pi, 0.0, 0.0], [0.0, -0.06, 0.035])
     grasps = with_poses(side_grasp, (on_its_side.inverse() @ from_above)[None])
     X_OG = grasps.X_OG
-    assert try_grasps(
-        can, with_poses(side_grasp, X_OG @ _QUARTER_TURN), X_WO=on_its_side
-    ).lifted.tolist() == [True]
+    assert try_grasps(can, with_poses(side_grasp, X_OG @ _QUARTER_TURN), X_WO=on_its_side).lifted.tolist() == [True]
     with pytest.raises(InvalidValue, match="rest of can"):
         try_grasps(can, grasps, X_WO=Pose.from_rotation_vector([0.7, 0.0, 0.0], [0.0, 0.0, 0.1]))
 

@@ -82,9 +82,7 @@ class TestEveryObject:
 def test_objects_have_the_same_hash_in_every_process() -> None:
     script = "from optsc.sim.objects import *; print(*(object_model(n).mesh.hash for n in OBJECT_NAMES))"
     environment = {**os.environ, "PYTHONHASHSEED": "12345", "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env=environment
-    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=environment)
     assert done.stdout.split() == [object_model(name).mesh.hash for name in OBJECT_NAMES]
 
 
@@ -125,9 +123,7 @@ def test_chamfer_takes_a_prism_off_every_edge_of_a_box() -> None:
 def test_union_of_touching_boxes_has_no_wall_between_them() -> None:
     both = union([cuboid([0, 0, 0], [0.01, 0.01, 0.01]), cuboid([0.01, 0, 0], [0.02, 0.01, 0.01])])
     assert volume(both) == pytest.approx(2e-6, rel=1e-9)
-    area = 0.5 * np.linalg.norm(
-        np.cross(*np.diff(both.vertices[both.faces], axis=1).transpose(1, 0, 2)), axis=1
-    )
+    area = 0.5 * np.linalg.norm(np.cross(*np.diff(both.vertices[both.faces], axis=1).transpose(1, 0, 2)), axis=1)
     assert area.sum() == pytest.approx(10e-4, rel=1e-9)
 
 

@@ -101,9 +101,7 @@ def test_a_shrunk_piece_rounded_by_the_margin_has_the_size_of_the_piece():
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         rounded = (directions @ inner.vertices.T).max(axis=1) + MARGIN
         assert np.all(rounded <= (directions @ part.vertices.T).max(axis=1) + 1e-9)
-        for axis in np.vstack(
-            [np.eye(3), -np.eye(3)]
-        ):  # the flat or rounded sides themselves keep their place
+        for axis in np.vstack([np.eye(3), -np.eye(3)]):  # the flat or rounded sides themselves keep their place
             assert (inner.vertices @ axis).max() + MARGIN >= (part.vertices @ axis).max() - 1.5e-3
     floor = min(v[2] for v in shrunk(object_model("box").parts[0]).vertices)
     assert floor == pytest.approx(MARGIN, abs=1e-9)

@@ -81,12 +81,8 @@ def test_every_part_of_the_claim_that_fails_is_listed_with_its_reason():
 def test_people_in_one_scene_are_one_case_and_not_many():
     seeds = (0, 1, 2, 3)
     lengths = {"a": (0.2, 0.3), "b": (0.3, 0.6)}
-    once = [
-        r for name, (x, y) in lengths.items() for r in both(name, {"path_length_m": x}, {"path_length_m": y})
-    ]
-    often = [
-        {**r, "person_seed": k, "path_length_m": r["path_length_m"] + 0.01 * k} for k in seeds for r in once
-    ]
+    once = [r for name, (x, y) in lengths.items() for r in both(name, {"path_length_m": x}, {"path_length_m": y})]
+    often = [{**r, "person_seed": k, "path_length_m": r["path_length_m"] + 0.01 * k} for k in seeds for r in once]
     # One of the four does not get there: the scene goes on with the mean of the others.
     often[0].update(arrived=False, success=False, path_length_m=np.nan)
     (one,), (four,) = compare(once), compare(often)

@@ -203,9 +203,7 @@ def test_another_process_finds_the_policy_and_the_key_again(own, tmp_path, monke
     code = f"import pickle; job = pickle.load(open({str(path)!r}, 'rb')); print(*job.keys())"
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=elsewhere, capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=elsewhere, capture_output=True, text=True, check=True)
     assert done.stdout.split() == job.keys()
     own.write_text(OWN.replace("return share", "return 0.0"))
     with pytest.raises(Mismatch, match="quarter"):

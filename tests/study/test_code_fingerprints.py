@@ -51,9 +51,7 @@ def _forgotten():
         sys.modules.pop(name, None)
 
 
-@pytest.mark.parametrize(
-    "change", [{"sign": "-"}, {"shape": "x + x"}, {"gain": 2.5}, {"gain": "(2.0, [1])"}], ids=str
-)
+@pytest.mark.parametrize("change", [{"sign": "-"}, {"shape": "x + x"}, {"gain": 2.5}, {"gain": "(2.0, [1])"}], ids=str)
 def test_policies_of_one_name_differ_in_their_keys_by_what_their_code_says_and_names(tmp_path, change):
     one = fingerprint(loaded(tmp_path / "a").Eager())
     assert fingerprint(loaded(tmp_path / "b", **change).Eager()) != one
@@ -109,9 +107,7 @@ if __name__ == "__main__":
 
 def test_a_policy_of_the_script_that_runs_has_the_same_key_in_its_worker_processes(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
-    done = subprocess.run(
-        [sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=True)
     mine, worker_s = done.stdout.split()
     assert mine == worker_s
 

@@ -89,9 +89,7 @@ def test_rows_have_keys_before_they_are_computed(engine):
 
 
 def test_both_strategies_start_from_the_same_moment(engine):
-    one, other = (
-        engine.motion(c, engine.choices([c])[0]).motion.motion() for c in (PAPER, MANIPULABILITY_ONLY)
-    )
+    one, other = (engine.motion(c, engine.choices([c])[0]).motion.motion() for c in (PAPER, MANIPULABILITY_ONLY))
     begin = one.modes.index(Mode.APPROACH.value)
     assert other.modes.index(Mode.APPROACH.value) == begin
     assert one.q[:begin].tobytes() == other.q[:begin].tobytes()

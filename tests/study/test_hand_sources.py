@@ -37,8 +37,7 @@ def test_a_recording_is_played_in_every_trial_or_one_for_each_from_a_folder(tmp_
 def test_a_function_in_a_file_makes_the_operator_of_a_trial(tmp_path):
     path = tmp_path / "my_device.py"
     path.write_text(
-        "from optsc.operators import Mailbox\n"
-        "def hand(context):\n    return Mailbox() if context.by_hand else None\n"
+        "from optsc.operators import Mailbox\ndef hand(context):\n    return Mailbox() if context.by_hand else None\n"
     )
     hand = hand_source(f"{path}:hand")
     assert hand.live

@@ -29,9 +29,7 @@ def test_a_key_is_the_same_in_every_process():
         "print(PAPER.key, fingerprint(OperatorSpec('hasty', 3).describe()))"
     )
     found = [
-        subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True
-        ).stdout.split()
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
         for _ in range(2)
     ]
     assert found[0] == found[1] == [PAPER.key, fingerprint(OperatorSpec("hasty", 3).describe())]

@@ -16,9 +16,7 @@ from optsc.study.participants.design import StudyDesign, williams_design
 from optsc.study.participants.participant_session import ParticipantSession, TrialResult, collect
 from optsc.study.participants.workload import SCALES, Workload, ask_workload
 
-DESIGN = StudyDesign(
-    "pilot", ("paper", "manual", "linear blending"), trials=3, practice=1, time_limit=0.05, seed=4
-)
+DESIGN = StudyDesign("pilot", ("paper", "manual", "linear blending"), trials=3, practice=1, time_limit=0.05, seed=4)
 CALM = Workload.of(mental=10, physical=20, temporal=30, performance=40, effort=50, frustration=60)
 
 
@@ -89,9 +87,7 @@ def test_a_sitting_that_is_interrupted_goes_on_with_the_trial_that_was_lost(tmp_
         return carried_out(trial, time_limit)
 
     with pytest.raises(KeyboardInterrupt):
-        ParticipantSession(DESIGN, 2, tmp_path).run_remaining(
-            breaks_down, lambda block: CALM, say=lambda text: None
-        )
+        ParticipantSession(DESIGN, 2, tmp_path).run_remaining(breaks_down, lambda block: CALM, say=lambda text: None)
     again = ParticipantSession(StudyDesign.load(tmp_path / "design.json"), 2, tmp_path)
     assert len(again.remaining) == 7
     assert not again.finished
@@ -162,9 +158,7 @@ def test_what_makes_no_sense_is_refused(wrong):
         wrong()
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[]", json.dumps({"name": "x"}), json.dumps({"name": "x", "colour": 1})]
-)
+@pytest.mark.parametrize("text", ["", "[]", json.dumps({"name": "x"}), json.dumps({"name": "x", "colour": 1})])
 def test_a_file_that_is_no_design_is_refused(tmp_path, text):
     (tmp_path / "design.json").write_text(text)
     with pytest.raises(DamagedFile, match="design"):

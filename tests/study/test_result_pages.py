@@ -26,8 +26,7 @@ def test_the_table_of_the_papers_experiment_is_the_stored_one():
         cells = [f"{found['robot']}, {found['measure']}", d["path_length_m"]["pairs"]]
         cells += [estimate(d["path_length_m"]["mean"], 3, "+"), f"{100 * d['path_length_m']['less']:.0f} %"]
         cells += [
-            estimate(d[name]["mean"], 2, "+")
-            for name in ("duration_s", "rotation_rad", "ldlj_tool", "ldlj_joint")
+            estimate(d[name]["mean"], 2, "+") for name in ("duration_s", "rotation_rad", "ldlj_tool", "ldlj_joint")
         ]
         assert f"| {' | '.join(map(str, cells))} |" in STUDY
 

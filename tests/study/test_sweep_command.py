@@ -93,9 +93,7 @@ def test_the_real_sweep_killed_at_any_moment_and_started_again_ends_with_the_sam
     children = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    print(
-        f"{len(list((directory / 'rows').glob('*.parquet')))} of 3 jobs were done, {len(children)} children"
-    )
+    print(f"{len(list((directory / 'rows').glob('*.parquet')))} of 3 jobs were done, {len(children)} children")
     deadline = time.monotonic() + 60.0
     while any(running(child) for child in children) and time.monotonic() < deadline:
         time.sleep(0.05)

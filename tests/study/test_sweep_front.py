@@ -68,9 +68,7 @@ def test_settings_differ_from_the_paper_s_by_scene_and_not_by_row():
 def swept():
     points = [{"weight.position": x, "weight.manipulability": 1.0 - x} for x in (0.0, 0.5, 1.0)]
     jobs = Cases(scenes=1, objects=2, seed=4).jobs([*conditions(points), PAPER, MANIPULABILITY_ONLY])
-    return jobs, [
-        {**row, **job.labels(c)} for job in jobs for row, c in zip(do(job), job.conditions, strict=True)
-    ]
+    return jobs, [{**row, **job.labels(c)} for job in jobs for row, c in zip(do(job), job.conditions, strict=True)]
 
 
 def test_the_report_compares_the_front_with_the_paper_and_shows_how_it_moves(swept, tmp_path):

@@ -47,9 +47,7 @@ def figure():
 
 
 def drawn(axes, colour, style):
-    return [
-        line for line in axes.lines if line.get_color() == colour and (line.get_linestyle() == "-") == style
-    ]
+    return [line for line in axes.lines if line.get_color() == colour and (line.get_linestyle() == "-") == style]
 
 
 def test_one_panel_for_each_selection_and_two_views_of_the_paths(figure):
@@ -117,9 +115,7 @@ def test_pieces_join_and_add_up_to_the_whole_path():
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
 def test_the_same_picture_is_saved_as_the_same_bytes(tmp_path, suffix):
     first, second = (
-        save_figure(
-            approach_figure(OBJECTS, BOXES, [SELECTION], PATHS), tmp_path / f"{name}{suffix}"
-        ).read_bytes()
+        save_figure(approach_figure(OBJECTS, BOXES, [SELECTION], PATHS), tmp_path / f"{name}{suffix}").read_bytes()
         for name in "ab"
     )
     assert first == second
@@ -176,9 +172,7 @@ def test_cutting_triangles_small_keeps_the_surface():
     small = shapes.refined(triangles, 0.02)
 
     def area(faces):
-        return (
-            0.5 * np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1).sum()
-        )
+        return 0.5 * np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1).sum()
 
     assert np.linalg.norm(np.roll(small, 1, axis=1) - small, axis=2).max() <= 0.02
     assert area(small) == pytest.approx(area(triangles))

@@ -11,9 +11,7 @@ from optsc.viewers.figure_grasps import fork_lines, grasps_figure
 def grasps(count, **change):
     rng = np.random.default_rng(0)
     X_OG = Pose(rotation.random(rng, (count,)), 0.05 * rng.normal(size=(count, 3)))
-    return GraspSet(
-        "thing", "0", "panda_hand", X_OG, np.full(count, 0.04), np.linspace(0, 1, count), {}, **change
-    )
+    return GraspSet("thing", "0", "panda_hand", X_OG, np.full(count, 0.04), np.linspace(0, 1, count), {}, **change)
 
 
 def test_the_tines_of_a_fork_are_as_far_apart_as_the_opening_and_point_along_z():

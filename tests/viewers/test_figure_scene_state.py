@@ -12,9 +12,7 @@ from optsc.viewers.figure_scene_state import scene_state_figure
 CAMERA = PinholeCamera.from_field_of_view(80, 60, 0.8)
 PIXELS = np.zeros((60, 80), dtype=bool)
 PIXELS[20:40, 30:50] = True
-IMAGE = DepthImage(
-    np.where(PIXELS, 0.8, 1.0), CAMERA, Pose.from_rotation_vector([np.pi, 0, 0], [0.5, 0, 1.0])
-)
+IMAGE = DepthImage(np.where(PIXELS, 0.8, 1.0), CAMERA, Pose.from_rotation_vector([np.pi, 0, 0], [0.5, 0, 1.0]))
 
 
 def state(explanations=2):

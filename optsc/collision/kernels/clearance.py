@@ -79,9 +79,7 @@ def _self_clearance(
     first, second = [a for a, _ in pairs], [b for _, b in pairs]
     radii = casadi.MX(casadi.DM(links.radius[first] + links.radius[second]).T)
     near = _near_pairs(links, pairs)(ends, horizon)
-    each = _if_near(between_capsules(), first=6, second=6, radii=1).map(
-        "self_pairs", "serial", len(pairs), [4], []
-    )
+    each = _if_near(between_capsules(), first=6, second=6, radii=1).map("self_pairs", "serial", len(pairs), [4], [])
     return casadi.mmin(each(near, ends[:, first], ends[:, second], radii, horizon))
 
 

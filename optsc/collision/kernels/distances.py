@@ -171,9 +171,7 @@ def distance_rows(
     ``self_pairs``, then the ``table_ends``, then each of the ``boxes`` with all capsules that move.
     """
     rows, n = RowBuilder(chain, rates), chain.n
-    inputs = symbols(
-        casadi.MX, q=n, low=n, high=n, settings=RowSettings.SIZE, boxes=(Box.SIZE, max(boxes, 1))
-    )
+    inputs = symbols(casadi.MX, q=n, low=n, high=n, settings=RowSettings.SIZE, boxes=(Box.SIZE, max(boxes, 1)))
     q, low, high, settings, box = inputs
     placed, axes = _placed_capsules(chain, capsules)(q, low, high)
     shared = [low, high, settings, axes]
@@ -189,9 +187,7 @@ def distance_rows(
     if boxes:
         which = capsules.moving
         constants = _box_constants(capsules, length)[:, which]
-        with_box = _with_one_box(rows, casadi.DM(constants)).map(
-            "boxes", "serial", boxes, [0, 2, 3, 4, 5], []
-        )
+        with_box = _with_one_box(rows, casadi.DM(constants)).map("boxes", "serial", boxes, [0, 2, 3, 4, 5], [])
         found = with_box(placed[:, which], box, *shared)
         parts.append(casadi.reshape(found, HEAD + n, len(which) * boxes))
     out = casadi.densify(casadi.horzcat(*parts))

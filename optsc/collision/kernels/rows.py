@@ -132,9 +132,7 @@ class PairFunctions(NamedTuple):
         common = list(range(len(inputs) - fixed, len(inputs) + len(shared)))
         bound = self.bound.map("bounds", "serial", count, common[:fixed], [])(*inputs)
         # With |g v| <= speed and the deceleration share * sum |g_i| A_i, up to its cap, the stop is no longer.
-        delay, share, most = (
-            settings[k] for k in (RowSettings.DELAY, RowSettings.BRAKING, RowSettings.MOST_BRAKING)
-        )
+        delay, share, most = (settings[k] for k in (RowSettings.DELAY, RowSettings.BRAKING, RowSettings.MOST_BRAKING))
         time = delay + 0.5 * casadi.fmax(1.0 / (share * self.stop_rate), speed / most)
         near = bound - margin < speed * time
         rows = self.row.map("rows", "serial", count, [2 + k for k in common], [])

@@ -57,9 +57,7 @@ def _drill() -> Parts:
         return circle(1.0, sides=16) * [0.021, 0.017, 0.0] + [x, 0.0, z]
 
     battery = cuboid([-0.050, -0.031, 0.0], [0.050, 0.031, 0.036], chamfer=0.003)
-    barrel = hull(
-        [along_x(0.021, -0.085), along_x(0.026, -0.079), along_x(0.026, 0.046), along_x(0.022, 0.056)]
-    )
+    barrel = hull([along_x(0.021, -0.085), along_x(0.026, -0.079), along_x(0.026, 0.046), along_x(0.022, 0.056)])
     chuck = hull([along_x(0.019, 0.055), along_x(0.019, 0.075), along_x(0.009, 0.095)])
     return [battery, hull([section(-0.004, 0.030), section(-0.020, 0.150)]), barrel, chuck]
 

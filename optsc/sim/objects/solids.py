@@ -76,9 +76,7 @@ def cuboid(lower: ArrayLike, upper: ArrayLike, chamfer: float = 0.0) -> Triangle
 def _surface(solid: Manifold) -> TriangleMesh:
     """Return the solid's surface on the grid, vertices and faces in an order that depends on nothing else."""
     if solid.is_empty() or solid.volume() <= 0.0:
-        raise InvalidValue(
-            "volume of a solid", solid.volume(), "above 0 m^3: points that span a volume, closed pieces"
-        )
+        raise InvalidValue("volume of a solid", solid.volume(), "above 0 m^3: points that span a volume, closed pieces")
     raw = solid.to_mesh64()
     grid = np.round(np.asarray(raw.vert_properties)[:, :3] / _GRID).astype(np.int64)
     vertices, index = np.unique(grid, axis=0, return_inverse=True)

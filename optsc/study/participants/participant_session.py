@@ -54,9 +54,7 @@ class ParticipantSession:
         kept = directory / DESIGN_FILE
         if kept.exists():
             if StudyDesign.load(kept) != design:
-                raise InvalidValue(
-                    "design", design.name, f"the one of {DESIGN_FILE}, which the study began with"
-                )
+                raise InvalidValue("design", design.name, f"the one of {DESIGN_FILE}, which the study began with")
         else:
             design.save(kept)
 
@@ -70,9 +68,7 @@ class ParticipantSession:
         """The blocks whose trials are done and whose questions are not answered, in order."""
         left = {trial.condition for trial in self.remaining}
         return tuple(
-            block
-            for block in self.blocks
-            if block.condition not in left and not self._tlx_path(block).exists()
+            block for block in self.blocks if block.condition not in left and not self._tlx_path(block).exists()
         )
 
     @property
@@ -128,9 +124,7 @@ class ParticipantSession:
             raise InvalidValue(f"trials of {condition} that are left", left, "0 before it is rated")
         path = self._tlx_path(block)
         if path.exists() and not replace:
-            raise InvalidValue(
-                "answers", f"there already, in {path.name}", "given once; --replace puts new ones there"
-            )
+            raise InvalidValue("answers", f"there already, in {path.name}", "given once; --replace puts new ones there")
         return path
 
     def run_remaining(

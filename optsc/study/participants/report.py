@@ -134,18 +134,14 @@ def _facts(plan: StudyPlan, rows: Sequence[Row]) -> list[str]:
         f"{design.practice} for practice of each, {design.time_limit:g} s at most; orders are balanced with every "
         f"{design.group} participants. {plan.robot}, {plan.objects} objects, scenes {plan.level}, follower "
         f"{plan.follower}, {plan.rate:g} Hz; seed {design.seed}.",
-        "Hands: "
-        + ", ".join(f"{kind} {n}" for kind, n in Counter(row["operator"] for row in rows).items())
-        + ".",
+        "Hands: " + ", ".join(f"{kind} {n}" for kind, n in Counter(row["operator"] for row in rows).items()) + ".",
     ]
     policies = DataFrame(rows).groupby("condition", sort=False)["policy"].nunique()
     changed = policies.index[policies > 1].tolist()
     if changed:
         facts.append(f"Settings of the policy changed during the study: {', '.join(changed)}.")
     if len({row["operator"] for row in rows}) > 1:
-        facts.append(
-            "Hands of more than one kind are in these numbers; rehearsals belong into another folder."
-        )
+        facts.append("Hands of more than one kind are in these numbers; rehearsals belong into another folder.")
     people = {row["participant"] for row in rows}
     if len(people) < FEW:
         facts.append(f"Only {len(people)} took part so far: intervals of so few say little.")
@@ -163,9 +159,7 @@ def _conditions(plan: StudyPlan, means: DataFrame) -> list[str]:
 
 def _means_picture(plan: StudyPlan, means: DataFrame, seed: int) -> Picture:
     groups = {
-        MEASURES[measure]: {
-            name: Estimate(*average(means, name, measure, seed)) for name in _conditions(plan, means)
-        }
+        MEASURES[measure]: {name: Estimate(*average(means, name, measure, seed)) for name in _conditions(plan, means)}
         for measure in SHOWN
     }
     return Picture("means", bars(groups, {}), "Means over participants with 95 % bootstrap intervals.")
@@ -221,9 +215,7 @@ def _jumps(plan: StudyPlan, rows: Sequence[Row]) -> Table:
     lines = []
     for name in plan.design.conditions:
         jumps = trials[trials["condition"] == name].reindex(columns=list(JUMP_TITLES)).astype(float)
-        cells = [
-            f"{mean_of(x):.3g}, at most {x.max():.3g}" if x.notna().any() else None for _, x in jumps.items()
-        ]
+        cells = [f"{mean_of(x):.3g}, at most {x.max():.3g}" if x.notna().any() else None for _, x in jumps.items()]
         lines.append([name, *cells])
     return Table(["condition", *JUMP_TITLES.values()], lines, "Means, and the worst of all trials")
 

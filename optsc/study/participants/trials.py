@@ -46,9 +46,7 @@ def trial_runner(
         InvalidValue: a window without PyBullet.
     """
     if gui and plan.follower != "pybullet":
-        raise InvalidValue(
-            "--gui", f"with the follower {plan.follower!r}", "with a plan whose follower is pybullet"
-        )
+        raise InvalidValue("--gui", f"with the follower {plan.follower!r}", "with a plan whose follower is pybullet")
     paced = real_time or hand.live
     return partial(_execute, plan, hand, paced, gui, on_tick)
 

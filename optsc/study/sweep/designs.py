@@ -24,9 +24,7 @@ def grid(dimensions: Sequence[Dimension], levels: int) -> list[Point]:
 def random(dimensions: Sequence[Dimension], count: int, seed: int) -> list[Point]:
     """Return ``count`` points, each value drawn by itself."""
     shares = np.random.default_rng(seed).uniform(size=(count, len(dimensions)))
-    return [
-        _named(dimensions, [d.at(float(s)) for d, s in zip(dimensions, row, strict=True)]) for row in shares
-    ]
+    return [_named(dimensions, [d.at(float(s)) for d, s in zip(dimensions, row, strict=True)]) for row in shares]
 
 
 def sobol(dimensions: Sequence[Dimension], count: int, seed: int) -> list[Point]:
@@ -36,9 +34,7 @@ def sobol(dimensions: Sequence[Dimension], count: int, seed: int) -> list[Point]
     sampler = qmc.Sobol(len(dimensions), scramble=True, rng=np.random.default_rng(seed))
     # Balanced at powers of two; the rest of the power is drawn and left.
     shares = sampler.random_base2(max(0, (count - 1).bit_length()))[:count]
-    return [
-        _named(dimensions, [d.at(float(s)) for d, s in zip(dimensions, row, strict=True)]) for row in shares
-    ]
+    return [_named(dimensions, [d.at(float(s)) for d, s in zip(dimensions, row, strict=True)]) for row in shares]
 
 
 def simplex(dimensions: Sequence[Dimension], steps: int) -> list[Point]:
@@ -64,9 +60,7 @@ def simplex(dimensions: Sequence[Dimension], steps: int) -> list[Point]:
             return [(rest,)]
         return [(k, *tail) for k in range(rest + 1) for tail in compositions(rest - k, parts - 1)]
 
-    lattice = [
-        _named(weights, [rounded(k / steps) for k in row]) for row in compositions(steps, len(weights))
-    ]
+    lattice = [_named(weights, [rounded(k / steps) for k in row]) for row in compositions(steps, len(weights))]
     order = [d.name for d in dimensions]
     mixed = [{**other, **point} for other in grid(others, steps) for point in lattice]
     return [{name: point[name] for name in order} for point in mixed]

@@ -141,9 +141,7 @@ def build(
     """
     from pandas import DataFrame
 
-    report = Report(
-        "Sweep of selection settings", f"{len(settings)} settings over the same scenes and people."
-    )
+    report = Report("Sweep of selection settings", f"{len(settings)} settings over the same scenes and people.")
     report.add("How it was made", f"Command: {command}")
     table = DataFrame(rows)
     for robot, mine in settings.groupby("robot", sort=False):
@@ -178,14 +176,11 @@ def _objectives_picture(settings: DataFrame, references: DataFrame, objectives: 
     return Picture("objectives", _front_figure(settings, references, names, names), caption)
 
 
-def _front_figure(
-    settings: DataFrame, references: DataFrame, names: Sequence[str], labels: Sequence[str]
-) -> Any:
+def _front_figure(settings: DataFrame, references: DataFrame, names: Sequence[str], labels: Sequence[str]) -> Any:
     x, y = (settings[name].to_numpy(float) for name in names)
     compared = settings["success"] == settings["success"].max()
     points = {
-        condition: (float(a), float(b))
-        for condition, a, b in references[["condition", *names]].itertuples(index=False)
+        condition: (float(a), float(b)) for condition, a, b in references[["condition", *names]].itertuples(index=False)
     }
     best = settings["best"].to_numpy(bool)
     return front(x, y, best, compared.to_numpy(), (labels[0], labels[1]), points)
@@ -197,8 +192,7 @@ def _best(settings: DataFrame, references: DataFrame) -> Table:
     columns = [*varied, "success", *COLUMNS]
     records = [*references.to_dict("records"), *_listed(settings).to_dict("records")]
     lines = [
-        [row["condition"], labels.get(row["condition"], ""), *(row.get(name) for name in columns)]
-        for row in records
+        [row["condition"], labels.get(row["condition"], ""), *(row.get(name) for name in columns)] for row in records
     ]
     head = ["setting", "", *(name.removeprefix("at_") for name in columns)]
     return Table(head, lines, "Reference settings, and those on the front with its ends and its knee")
@@ -209,9 +203,7 @@ def _listed(settings: DataFrame) -> DataFrame:
     best = settings[settings["best"]].sort_values("path_length_m", kind="stable")
     # Many settings choose the same grasps everywhere: one of them is enough, if it can be one that is shown.
     shown = best["condition"].isin(shown_settings(settings).values())
-    distinct = best.loc[shown.sort_values(ascending=False, kind="stable").index].drop_duplicates(
-        list(COLUMNS)
-    )
+    distinct = best.loc[shown.sort_values(ascending=False, kind="stable").index].drop_duplicates(list(COLUMNS))
     return best[best["condition"].isin(distinct["condition"].head(LISTED))]
 
 
@@ -222,9 +214,7 @@ def _sensitivity(robot: str, settings: DataFrame) -> Picture | None:
         return None
     columns = {name.removeprefix("at_"): numbers[name].tolist() for name in numbers}
     outcomes = {label: settings[name].tolist() for name, label in OUTCOMES.items()}
-    caption = (
-        "Means over all cases against each number that was varied; the line joins medians of equal counts."
-    )
+    caption = "Means over all cases against each number that was varied; the line joins medians of equal counts."
     return Picture(f"sensitivity_{robot}", sensitivity(columns, outcomes), caption)
 
 
@@ -282,8 +272,7 @@ def motions(
     by_name = {c.name: c for c in job.conditions}
     wanted = [Condition(reference.name, reference.rule, reference.measure)]
     wanted += [
-        Condition(f"{label} ({name})", by_name[name].rule, by_name[name].measure)
-        for label, name in shown.items()
+        Condition(f"{label} ({name})", by_name[name].rule, by_name[name].measure) for label, name in shown.items()
     ]
     paths = approach_paths(job.scene, job.person, wanted, job.settings)
     title = f"{robot}, scene {job.scene.seed}, {job.scene.goal}"

@@ -149,9 +149,7 @@ def _pooled(left: dict[int, Job[Any]], workers: int, work: Work) -> Iterator[lis
                 raise
 
 
-def _submitted(
-    left: dict[int, Job[Any]], executor: Executor, work: Work, *, cancel: bool
-) -> Iterator[list[Row]]:
+def _submitted(left: dict[int, Job[Any]], executor: Executor, work: Work, *, cancel: bool) -> Iterator[list[Row]]:
     """Yield the rows of each job and take it out of ``left``; abandoned early, cancel what is waiting if asked to.
 
     In a pool that is about to break nothing may be cancelled: Python 3.11 fails at futures that were.
@@ -183,9 +181,7 @@ def dask_executor(address: str, timeout: float = 10.0) -> Iterator[Any]:
     try:
         from distributed import Client
     except ImportError:
-        raise OptscError(
-            "a --scheduler needs the package distributed: pip install 'optsc[cluster]'"
-        ) from None
+        raise OptscError("a --scheduler needs the package distributed: pip install 'optsc[cluster]'") from None
     try:
         client = Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:
