@@ -171,8 +171,8 @@ class VirtualFixture(Checked, Arbitration):
     """
 
     k_tau: Annotated[float, Share] = 0.3
-    low: float = 0.4
-    high: float = 0.8
+    low: Annotated[float, Share] = 0.4
+    high: Annotated[float, Share] = 0.8
     near: Annotated[tuple[float, float], Pair] = (0.03, 0.2)
     rate: Annotated[float, Positive] = 2.0
 
@@ -180,7 +180,7 @@ class VirtualFixture(Checked, Arbitration):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0.0 <= self.low <= self.high <= 1.0:
+        if self.low > self.high:
             raise InvalidValue("low, high", (self.low, self.high), "0 <= low <= high <= 1")
 
     def blend(self, moment: Moment) -> Blend:
@@ -263,8 +263,8 @@ class LinearBlending(Checked, Arbitration):
         rate: by how much alpha changes at most [1/s].
     """
 
-    low: float = 0.4
-    high: float = 0.8
+    low: Annotated[float, Share] = 0.4
+    high: Annotated[float, Share] = 0.8
     most: Annotated[float, Share] = 0.6
     rate: Annotated[float, Positive] = 2.0
 
@@ -272,7 +272,7 @@ class LinearBlending(Checked, Arbitration):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0.0 <= self.low <= self.high <= 1.0:
+        if self.low > self.high:
             raise InvalidValue("low, high", (self.low, self.high), "0 <= low <= high <= 1")
 
     def blend(self, moment: Moment) -> Blend:
