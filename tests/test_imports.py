@@ -153,3 +153,12 @@ def test_no_public_name_hides_a_module(stub):
         for alias in node.names
     }
     assert names & {path.stem for path in stub.parent.glob("*.py")} == set()
+
+
+def test_a_class_name_means_one_thing():
+    where = {}
+    for _, path in sources():
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef):
+                where.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert {name: paths for name, paths in where.items() if len(paths) > 1} == {}

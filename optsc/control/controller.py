@@ -120,9 +120,9 @@ class SharedController:
         return ControllerSnapshot(self.state, self.servo.snapshot(), self.selector.state)
 
     def restore(self, snapshot: ControllerSnapshot) -> None:
-        """Go on from a snapshot of this controller, taken since its last reset: the same input gives the same bytes."""
-        self.state, self.selector.state = snapshot.state, snapshot.selector
+        """Go on from a snapshot since the last reset, with the same bytes; raise `Mismatch` for another rate or arm."""
         self.servo.restore(snapshot.servo)
+        self.state, self.selector.state = snapshot.state, snapshot.selector
 
     @property
     def time(self) -> float:

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from optsc.checks import Checked, NonNegative, Pair, Positive, Share, require
 from optsc.control.state import Numbers, ServoSnapshot, ServoState
 from optsc.control.status import FOLLOWING, Command, Status, error_text, held_back, near_singularity
+from optsc.errors import Mismatch
 from optsc.geometry import Pose, scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
@@ -176,10 +177,16 @@ class Servo:
     def snapshot(self) -> ServoSnapshot:
         """Return the whole state as it is now, see `restore`."""
         obstacles = None if self.avoid is None else self.avoid.snapshot()
-        return ServoSnapshot(self.numbers.block.copy(), self.state, self.guard.limits, obstacles)
+        return ServoSnapshot(self.period, self.numbers.block.copy(), self.state, self.guard.limits, obstacles)
 
     def restore(self, snapshot: ServoSnapshot) -> None:
-        """Go on from a snapshot of this servo, or of one with the same arm, settings and obstacles."""
+        """Go on from a snapshot of this servo, or of one with the same arm, settings and obstacles.
+
+        Raises `Mismatch` for one of another rate or number of joints.
+        """
+        made_for, here = ((s.period, len(n)) for s, n in ((snapshot, snapshot.numbers), (self, self.numbers.block)))
+        if made_for != here:
+            raise Mismatch("a snapshot of period [s] and numbers", made_for, here)
         self.numbers.block[:] = snapshot.numbers
         self.state = snapshot.state
         self._written = None

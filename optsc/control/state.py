@@ -57,12 +57,14 @@ class ServoSnapshot:
     """The whole state of a servo at one moment, see `Servo.snapshot`.
 
     Attributes:
+        period: of a tick [s].
         numbers: copy of `Numbers.block`.
         state: what else it remembers.
         limits: that are kept.
         obstacles: where obstacles are and what the hand may touch, see `Avoidance.snapshot`; None without avoidance.
     """
 
+    period: float
     numbers: Array
     state: ServoState
     limits: JointLimits

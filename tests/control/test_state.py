@@ -15,6 +15,7 @@ from optsc.control.policies import POLICIES
 from optsc.control.servo import Servo
 from optsc.control.state import same
 from optsc.control.status import Status
+from optsc.errors import Mismatch
 from optsc.geometry import Pose
 from optsc.operators import Button, OperatorSample
 from optsc.operators.smoothing import Smoothing
@@ -188,6 +189,15 @@ def test_interrupting_a_tick_leaves_the_state_before_it(robot):
     with pytest.raises(KeyboardInterrupt):
         loop.tick(OperatorSample(loop.time, loop.hand))
     assert controller.snapshot() == before
+
+
+def test_a_snapshot_of_another_rate_or_arm_is_refused_and_changes_nothing(robot):
+    servo = Servo(robot, rate=500.0)
+    before = servo.snapshot()
+    for other in (Servo(robot, rate=250.0), Servo(load_robot("ur5"), rate=500.0)):
+        with pytest.raises(Mismatch, match="snapshot"):
+            servo.restore(other.snapshot())
+    assert servo.snapshot() == before
 
 
 def test_what_is_the_same_and_what_is_not():
