@@ -141,7 +141,7 @@ class Following(NamedTuple):
         """Do one tick; see `Activity`."""
         if hand.hand is None or not hand.clutch:
             servo.forget()
-            return Following(self.coupling.released()), Outcome(servo.stop())
+            return self._with(self.coupling.released()), Outcome(servo.stop())
         coupling, reason = self.coupling, ""
         if hand.new:
             coupling, coupled = coupling.after(hand.hand, servo.reference)
@@ -153,7 +153,10 @@ class Following(NamedTuple):
         if command.status is Status.STALE:
             # The hand may come back anywhere: it is then coupled again, from rest.
             coupling = coupling.released()
-        return Following(coupling), Outcome(command, reason=reason)
+        return self._with(coupling), Outcome(command, reason=reason)
+
+    def _with(self, coupling: Coupling) -> Following:
+        return self if coupling is self.coupling else Following(coupling)
 
 
 class Travelling(NamedTuple):

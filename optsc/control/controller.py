@@ -209,9 +209,10 @@ class SharedController:
 
     def _tick(self, sample: OperatorSample | None, measured: FollowerState) -> ControlStep:
         monitor, given = self.state.monitor.read(sample)
-        self._set(monitor=monitor)
+        if given.new:
+            self._set(monitor=monitor)
         event, reason = self._decide(given, measured)
-        leaves_hold = self.mode is Mode.HOLD and next_mode(self.mode, event) is not Mode.HOLD
+        leaves_hold = self.mode is Mode.HOLD and next_mode(Mode.HOLD, event) is not Mode.HOLD
         if leaves_hold and self._lag(measured) > LARGEST_LAG:
             # Something stopped the arm. It goes on from where it is: its old command would push it there again.
             self.servo.reset_configuration(measured.q)
@@ -220,13 +221,16 @@ class SharedController:
         time, mode, choice = self.time, self.mode, self.state.choice
         hand = HandInput(monitor.hand, given.new, monitor.clutch, choice.goals, choice.belief.gap)
         activity, outcome = self.state.activity.step(self.servo, hand, measured.opening)
-        self._set(activity=activity)
+        if activity is not self.state.activity:
+            self._set(activity=activity)
         if outcome.event is not None:
             event = self._awaited(outcome.event)
             self._change(event)
         reason = outcome.reason or reason
         if not mode.automatic:
-            self._set(choice=self._choice.followed(choice, self.servo, self._leading_hand(), self.clutch))
+            choice = self._choice.followed(choice, self.servo, self._leading_hand(), self.clutch)
+            if choice is not self.state.choice:
+                self._set(choice=choice)
             self._allow_contact()
         state = self.state
         return ControlStep(
@@ -250,10 +254,8 @@ class SharedController:
             _LOG.error("a control tick failed; the arm comes to rest", exc_info=error)
         command = self.servo.halt(reason)
         self.servo.forget()
-        rest = {"activity": Resting(), "target": None, "tuning": None, "failure": reason}
-        self._set(mode=Mode.HOLD, entered=self.time, **rest)
-        opening = self.state.opening
-        return ControlStep(time, Mode.HOLD, Event.FAULT, command, opening, self.ranking, None, reason)
+        self._set(mode=Mode.HOLD, entered=self.time, activity=Resting(), target=None, tuning=None, failure=reason)
+        return ControlStep(time, Mode.HOLD, Event.FAULT, command, self.state.opening, self.ranking, None, reason)
 
     def _set(self, **changes: Any) -> None:
         self.state = self.state._replace(**changes)
@@ -360,7 +362,7 @@ class SharedController:
         return reason
 
     def _fault(self, measured: FollowerState) -> str:
-        if (shape := np.shape(measured.q)) != (self.robot.n,):
+        if (shape := getattr(measured.q, "shape", None)) != (self.robot.n,):
             return f"the measured configuration has the shape {shape}, not ({self.robot.n},)"
         lag = self._lag(measured)
         if lag != lag:

@@ -94,11 +94,15 @@ def _is_pose(p: list[float], q: list[float]) -> bool:
     return abs(p[0]) + abs(p[1]) + abs(p[2]) < FARTHEST and 0.9 < q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2 < 1.1
 
 
-def _exceeds(error: Array, limits: tuple[float, float], share: float = 1.0) -> bool:
-    """Tell whether a pose error (6,) is beyond a distance or an angle; ``share`` scales their squares."""
+def _squares(error: Array) -> tuple[float, float]:
+    """Return the squares of distance and angle of a pose error (6,)."""
     x, y, z, a, b, c = error.tolist()
-    distance, angle = limits
-    return x * x + y * y + z * z > share * distance**2 or a * a + b * b + c * c > share * angle**2
+    return x * x + y * y + z * z, a * a + b * b + c * c
+
+
+def _exceeds(squares: tuple[float, float], limits: tuple[float, float], share: float = 1.0) -> bool:
+    """Tell whether a pose error is beyond a distance or an angle; ``share`` scales their squares."""
+    return squares[0] > share * limits[0] ** 2 or squares[1] > share * limits[1] ** 2
 
 
 class Servo:
@@ -254,7 +258,8 @@ class Servo:
         horizon = self.settings.prediction.horizon
         if elapsed > horizon:
             return self.track(*prediction.predicted(track, horizon))
-        self._start()
+        if self.state.stopped:
+            self._start()
         if self._written is not track:
             p, q, v, w, _, a, b = self._written = track
             self._target[:] = (*p, *q, *v, *w, *a, *b)
@@ -280,7 +285,8 @@ class Servo:
         self, p: Vector, q: Quaternion, v: Vector = REST, w: Vector = REST, a: Vector = REST, b: Vector = REST
     ) -> Command:
         """Move one tick towards a target pose, with its velocities and accelerations in W, at the end of the tick."""
-        self._start()
+        if self.state.stopped:
+            self._start()
         self._written = None
         self._target[:] = (*p, *q, *v, *w, *a, *b)
         self._elapsed[0], self._led[0] = 0.0, 1.0
@@ -295,10 +301,8 @@ class Servo:
         return self._come_to_rest(np.zeros(self.robot.n), Status.UNSOLVED, reason, perf_counter())
 
     def _start(self) -> None:
-        """Begin to lead the tool from where it is commanded to be, at the velocity that it has, if it was stopped."""
-        ticks, track, stopped = self.state
-        if not stopped:
-            return
+        """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""
+        ticks, track, _ = self.state
         q, v, _ = self.guard.state
         X_WT, twist = self.robot.forward(q), self.robot.jacobian(q) @ v
         self._reference[:] = np.concatenate([X_WT.translation, X_WT.quaternion, twist, np.zeros(6)])
@@ -318,9 +322,10 @@ class Servo:
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
         # A little inside, or a reference that waits at just this distance would count as near at every other tick.
-        far = _exceeds(step.error, self.settings.far, NEAR)
+        squares = _squares(step.error)
+        far = _exceeds(squares, self.settings.far, NEAR)
         gap = self._gap.tolist()
-        noticeable = _exceeds(step.error, NOTICEABLE) or gap[0] > BEHIND[0] or gap[1] > BEHIND[1]
+        noticeable = _exceeds(squares, NOTICEABLE) or gap[0] > BEHIND[0] or gap[1] > BEHIND[1]
         if far:
             self._wait()
         wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optsc.control.servo import Servo, ServoSettings, Status
-from optsc.control.servo import _exceeds as exceeds
+from optsc.control.servo import Servo, ServoSettings, Status, _exceeds, _squares
 from optsc.control.status import held_back
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
@@ -132,11 +131,11 @@ def test_an_error_along_or_about_any_axis_counts(component):
     for sign in (-1.0, 1.0):
         error = np.zeros(6)
         error[component] = 1.02 * sign * limit
-        assert exceeds(error, (0.05, 0.2))
-        assert not exceeds(error, (0.05, 0.2), share=1.1)
+        assert _exceeds(_squares(error), (0.05, 0.2))
+        assert not _exceeds(_squares(error), (0.05, 0.2), share=1.1)
         error[component] = 0.98 * sign * limit
-        assert not exceeds(error, (0.05, 0.2))
-        assert exceeds(error, (0.05, 0.2), share=0.9)
+        assert not _exceeds(_squares(error), (0.05, 0.2))
+        assert _exceeds(_squares(error), (0.05, 0.2), share=0.9)
 
 
 def test_a_target_that_jumps_is_not_taken_for_one_that_moves():

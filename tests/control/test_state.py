@@ -117,6 +117,15 @@ def test_snapshots_are_equal_where_the_states_are(robot):
     assert loop.controller.snapshot() == after
 
 
+@pytest.mark.parametrize("policy", ["alternating", "hindsight optimisation"])
+def test_a_step_reports_the_newest_ranking_and_belief(robot, policy):
+    loop = Loop(robot, scene(), arbitration=POLICIES[policy]())
+    for _ in range(40):
+        step = loop.go(0.004, move=(0.001, 0.0, 0.0))
+        assert step.ranking is loop.controller.ranking
+        assert step.belief == loop.controller.state.choice.probabilities
+
+
 class FailsError(Exception):
     """What a part of the user's raises."""
 
