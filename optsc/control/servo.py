@@ -191,12 +191,14 @@ class Servo:
         made_for, here = ((s.period, len(n)) for s, n in ((snapshot, snapshot.numbers), (self, self.numbers.block)))
         if made_for != here:
             raise Mismatch("a snapshot of period [s] and numbers", made_for, here)
-        self.numbers.block[:] = snapshot.numbers
-        self.state = snapshot.state
-        self._written = None
-        self.guard.refresh(snapshot.limits)
+        self._back_to(snapshot.numbers, snapshot.state, snapshot.limits)
         if self.avoid is not None and snapshot.obstacles is not None:
             self.avoid.restore(snapshot.obstacles)
+
+    def _back_to(self, numbers: Array, state: ServoState, limits: JointLimits) -> None:
+        self.numbers.block[:] = numbers
+        self.state, self._written = state, None
+        self.guard.refresh(limits)
 
     @property
     def time(self) -> float:
@@ -228,14 +230,15 @@ class Servo:
         A tick that fails, in a solver for example, is taken back and becomes one of coming to rest; its status is
         `UNSOLVED`, its reason the error.
         """
-        before = self.snapshot()
+        # A tick changes neither limits nor obstacles, so that this is the whole of a snapshot.
+        numbers, state, limits = self.numbers.block.copy(), self.state, self.guard.limits
         try:
             return self.tick(X_WT, stamp)
         except Exception as error:  # noqa: BLE001 - whatever a solver or an obstacle raises, the arm must stop
-            self.restore(before)
+            self._back_to(numbers, state, limits)
             return self.halt(error_text(error))
         except BaseException:
-            self.restore(before)
+            self._back_to(numbers, state, limits)
             raise
 
     def tick(self, X_WT: Pose | None = None, stamp: float | None = None) -> Command:
