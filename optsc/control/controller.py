@@ -6,18 +6,17 @@ import logging
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.control.activities import Adjusting, HandInput, Resting, Travelling
+from optsc.control.activities import HandInput, Resting
 from optsc.control.approach import Approach
 from optsc.control.arbitration import Arbitration, Trigger
 from optsc.control.controller_state import ControllerSnapshot, ControllerState, ControlStep
-from optsc.control.fine_tuning import FineTuning, hand_nudge
+from optsc.control.events import LARGEST_LAG, Parts, happening, lag, leading_hand, tuned
+from optsc.control.fine_tuning import FineTuning
 from optsc.control.grasp_choice import GraspChoice, displaced
-from optsc.control.mode_entry import ModeSettings, activity_of, after_event, pose_of, touchable
+from optsc.control.mode_entry import ModeSettings, activity_of, after_event, touchable
 from optsc.control.modes import Event, Mode, next_mode
-from optsc.control.operator_input import OperatorInput
 from optsc.control.policies import Alternating
 from optsc.control.servo import Servo, ServoSettings
 from optsc.control.status import error_text
@@ -26,19 +25,14 @@ from optsc.followers.protocol import FollowerState
 from optsc.geometry import Pose
 from optsc.grasps import Candidates
 from optsc.ik.avoidance import Avoidance
-from optsc.operators import Button, ClutchSettings, OperatorSample
-from optsc.operators.clutch import Hand, recentred
+from optsc.operators import ClutchSettings, OperatorSample
+from optsc.operators.clutch import recentred
 from optsc.operators.smoothing import Smoothing
 from optsc.robot import RobotModel
 from optsc.selection import GraspSelector, Ranking
 from optsc.selection.intent import IntentSettings
 from optsc.selection.reach import ClearRows
 
-LARGEST_LAG = 0.3
-"""Difference of measured and commanded joint position [rad] that means the arm does not follow."""
-RETRY = 1.0
-"""Time [s] after which a robot that begins by itself tries again, where it found no path."""
-_TUNABLE = (Mode.APPROACH, Mode.ADJUST)
 _BEFORE_CONTACT = (Mode.APPROACH, Mode.ADJUST, Mode.ADVANCE)
 """The jaws have not closed yet. Later the object moves with the hand."""
 _LOG = logging.getLogger(__name__)
@@ -211,13 +205,15 @@ class SharedController:
         monitor, given = self.state.monitor.read(sample)
         if given.new:
             self._set(monitor=monitor)
-        event, reason = self._decide(given, measured)
+        parts = Parts(self._modes, self._choice, self.servo, self._within)
+        self.state, event, reason = happening(parts, self.state, given, measured)
         leaves_hold = self.mode is Mode.HOLD and next_mode(Mode.HOLD, event) is not Mode.HOLD
-        if leaves_hold and self._lag(measured) > LARGEST_LAG:
+        if leaves_hold and lag(self.servo, measured) > LARGEST_LAG:
             # Something stopped the arm. It goes on from where it is: its old command would push it there again.
             self.servo.reset_configuration(measured.q)
         self._change(event)
-        reason = reason or self._tune(given)
+        self.state, untunable = tuned(parts, self.state, given)
+        reason = reason or untunable
         time, mode, choice = self.time, self.mode, self.state.choice
         hand = HandInput(monitor.hand, given.new, monitor.clutch, choice.goals, choice.belief.gap)
         activity, outcome = self.state.activity.step(self.servo, hand, measured.opening)
@@ -228,7 +224,7 @@ class SharedController:
             self._change(event)
         reason = outcome.reason or reason
         if not mode.automatic:
-            choice = self._choice.followed(choice, self.servo, self._leading_hand(), self.clutch)
+            choice = self._choice.followed(choice, self.servo, leading_hand(self.state), self.clutch)
             if choice is not self.state.choice:
                 self._set(choice=choice)
             self._allow_contact()
@@ -260,132 +256,15 @@ class SharedController:
     def _set(self, **changes: Any) -> None:
         self.state = self.state._replace(**changes)
 
-    def _decide(self, given: OperatorInput, measured: FollowerState) -> tuple[Event | None, str]:
-        """Return what happens at this tick before anything moves, and what is wrong or refused, in words."""
-        fault = self._fault(measured)
-        if fault:
-            return Event.FAULT, fault
-        event, reason = given.event, given.reason
-        silent = not given.new and self.state.monitor.silent(self.time, self.servo.settings.timeout)
-        if event is None and silent and self.mode.automatic:
-            # Nobody could step in.
-            return Event.FAULT, "the operator's samples have stopped"
-        if event is Event.FAULT:
-            return event, reason
-        if self.mode is Mode.MANUAL:
-            return self._decide_by_hand(event, given)
-        if self.mode.automatic and event is not Event.TRIGGERED and given.pressed:
-            return self._decide_by_button(event, given.pressed)
-        return event, reason
-
-    def _decide_by_hand(self, event: Event | None, given: OperatorInput) -> tuple[Event | None, str]:
-        if Button.VETO in given.pressed:
-            choice, done = self._choice.veto(self.state.choice, None)
-            self._set(choice=choice)
-            return event, done
-        if event is Event.TRIGGERED and self.arbitration.trigger is Trigger.GRASPS:
-            return self._grasp_here()
-        begins = event is None and self._begins_by_itself()
-        if event is not Event.TRIGGERED and not begins:
-            return event, ""
-        choice, target, refusal = self._choice.choose(self.state.choice, self.servo, self._leading_hand(), self.clutch)
-        self._set(choice=choice)
-        if target is None:
-            return None, refusal
-        self._set(target=target)
-        return (Event.BEGUN if begins else event), ""
-
-    def _grasp_here(self) -> tuple[Event | None, str]:
-        if self.state.opening < self._modes.open:
-            self._set(opening=self._modes.open)
-            return None, "the jaws open"
-        target, refusal = self._choice.near(self.state.choice, self.servo, self._within)
-        if refusal:
-            return None, refusal
-        self._set(target=target)
-        return Event.GRASPED, ""
-
-    def _begins_by_itself(self) -> bool:
-        state = self.state
-        if state.stepped_in or not state.monitor.clutch or self.time - state.tried < RETRY:
-            return False
-        intended_for = min(state.choice.intended_for(self.time), self.time - state.entered)
-        if self.ranking is None or self.ranking.best is None or not self.arbitration.begins(intended_for):
-            return False
-        self._set(tried=self.time)
-        return True
-
-    def _decide_by_button(self, event: Event | None, pressed: frozenset[Button]) -> tuple[Event | None, str]:
-        if Button.CANCEL in pressed:
-            return Event.CANCELLED, ""
-        if self.mode not in _TUNABLE:
-            return event, ""
-        if Button.NEXT in pressed or Button.VETO in pressed:
-            choice, done = self.state.choice, ""
-            if Button.VETO in pressed:
-                choice, done = self._choice.veto(choice, self.state.target)
-            choice, target, refusal = self._choice.next(choice, self.servo)
-            self._set(choice=choice)
-            if target is not None:
-                self._set(target=target)
-                return Event.RETARGETED, done
-            # What was refused must not be grasped; what was merely the best may.
-            return (Event.CANCELLED if done else event), "; ".join(filter(None, (done, refusal)))
-        if Button.CONFIRM in pressed:
-            self._set(confirmed=True)
-            return (Event.CONFIRMED if self.mode is Mode.ADJUST else event), ""
-        return event, ""
-
     def _awaited(self, event: Event) -> Event:
         """Return the event as it is, or, at the pre-grasp, that the operator is waited for."""
         tuning = self._modes.fine_tuning
         waits = tuning is not None and tuning.wait and not self.state.confirmed
         return Event.WAITED if self.mode is Mode.APPROACH and event is Event.ARRIVED and waits else event
 
-    def _tune(self, given: OperatorInput) -> str:
-        """Shift the grasp that the robot goes to as the operator nudges it; say why it cannot be."""
-        tuning, target, monitor = self.state.tuning, self.state.target, self.state.monitor
-        if tuning is None or self.mode not in _TUNABLE or target is None:
-            return ""
-        if given.nudge is not None:
-            tuning = tuning.pushed(given.nudge)
-        if Button.NUDGE in monitor.buttons and given.new and given.moved_from and monitor.hand:
-            grasp = pose_of(target.X_WG)[1]
-            tuning = tuning.pushed(hand_nudge(self.clutch, given.moved_from, monitor.hand, grasp))
-        tuning, reason = tuning.settled(self.time)
-        activity = self.state.activity
-        if tuning.tuned.target is not target:
-            target = tuning.tuned.target
-            if isinstance(activity, (Travelling, Adjusting)):
-                activity = activity.led(*pose_of(target.X_WP))
-        self._set(tuning=tuning, target=target, activity=activity)
-        return reason
-
-    def _fault(self, measured: FollowerState) -> str:
-        if (shape := getattr(measured.q, "shape", None)) != (self.robot.n,):
-            return f"the measured configuration has the shape {shape}, not ({self.robot.n},)"
-        lag = self._lag(measured)
-        if lag != lag:
-            return "the measured configuration is not finite"
-        # While holding it is known already, and must not keep the operator from leading the arm away.
-        if lag > LARGEST_LAG and self.mode is not Mode.HOLD:
-            return f"the arm is {lag:.2f} rad off its command"
-        doubt = self.state.doubt
-        if doubt:
-            self._set(doubt="")
-        return doubt
-
-    def _lag(self, measured: FollowerState) -> float:
-        return float(np.abs(measured.q - self.servo.guard.q).max())
-
     def _change(self, event: Event | None) -> None:
         self.state = after_event(self._modes, self.state, self.servo, event)
         self._allow_contact()
-
-    def _leading_hand(self) -> Hand | None:
-        """Return the hand while it is coupled to the tool."""
-        leads = self.mode is Mode.MANUAL and self.state.monitor.clutch
-        return self.state.monitor.hand if leads else None
 
     def _allow_contact(self) -> None:
         """Let the hand touch the object that it is grasping, and no other obstacle of the avoidance."""
