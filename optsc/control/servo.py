@@ -14,77 +14,29 @@ of collision avoidance (`optsc.ik.avoidance`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import exp
 from time import perf_counter
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.checks import Checked, NonNegative, Pair, Positive, Share, require
+from optsc.checks import Positive, require
+from optsc.control.servo_settings import ServoSettings
 from optsc.control.state import Numbers, ServoSnapshot, ServoState
-from optsc.control.status import FOLLOWING, Command, Status, error_text, held_back, near_singularity
+from optsc.control.status import Command, Status, error_text
+from optsc.control.tracking import Tracking
 from optsc.errors import Mismatch
-from optsc.geometry import Pose, scalar
+from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
-from optsc.ik import DifferentialIK, IkSettings, make_solver, ramp_time, tool_braking
+from optsc.ik import DifferentialIK, make_solver
 from optsc.ik.avoidance import Avoidance
-from optsc.kernels.kernel import build_kernel
-from optsc.kernels.reference import ReferenceSettings, reference_model
-from optsc.kernels.viable import Bound
 from optsc.operators import prediction
-from optsc.operators.prediction import REST, PredictionSettings, Track
+from optsc.operators.prediction import REST, Track
 from optsc.robot import JointLimits, RobotModel
 from optsc.shaping import JointGuard
 
-NEAR = 0.99
-"""Share of the square of `ServoSettings.far` up to which a target is within reach."""
-
-
 FARTHEST = 1e9
 """Positions [m] and stamps [s] from here on are faults, not targets."""
-SINGULAR_SHARE = 0.1
-"""Share of the manipulability at home below which the arm may be losing a direction (tuned here)."""
-NOTICEABLE = (1e-3, 5e-3)
-"""Distance and angle to the reference [m, rad] up to which the arm counts as following, whatever limit it touches
-(tuned here): half of what the tool may be off."""
-BEHIND = (4e-3, 2e-2)
-"""Distance and angle of the reference to its target [m, rad] from which on an arm at a limit counts as held back even
-where the reference has waited for it (tuned here): a quick hand is half of that ahead of a free arm."""
-WAITING = 9e-3
-"""Time constant [s] with which the reference goes to an arm that is at a limit of its rates (tuned here)."""
-
-
-@dataclass(frozen=True)
-class ServoSettings(Checked):
-    """How a target is followed.
-
-    Attributes:
-        bandwidth: of the reference model [rad/s]: higher follows more closely and passes on more of the noise.
-        led: share of the hand's acceleration that the reference is led along with. One is exact for a hand that
-            accelerates steadily; less is smoother.
-        lag: how far behind a stream of targets the tool is led [s]. Zero means to be where the hand is now, which
-            has to be guessed; a few hundredths make the motion several times smoother.
-        catching_up: speed at most with which a target is caught up with, beside its own [m/s, rad/s].
-        timeout: age of the newest target after which the arm comes to rest [s].
-        far: distance and angle to the reference beyond which a target counts as out of reach [m, rad].
-        prediction: how samples are carried on to the present.
-        ik: weights and gains of the quadratic program.
-    """
-
-    bandwidth: Annotated[float, Positive] = 55.0
-    lag: Annotated[float, NonNegative] = 0.028
-    led: Annotated[float, Share] = 0.5
-    catching_up: Annotated[tuple[float, float], Pair] = (0.5, 1.5)
-    timeout: Annotated[float, Positive] = 0.1
-    far: Annotated[tuple[float, float], Pair] = (0.05, 0.2)
-    prediction: PredictionSettings = field(default_factory=PredictionSettings)
-    ik: IkSettings = field(default_factory=IkSettings)
-
-
-_PARTS = (ReferenceSettings.LINEAR, ReferenceSettings.ANGULAR)
 
 
 def _is_pose(p: list[float], q: list[float]) -> bool:
@@ -92,17 +44,6 @@ def _is_pose(p: list[float], q: list[float]) -> bool:
     if len(p) != 3 or len(q) != 4:
         return False
     return abs(p[0]) + abs(p[1]) + abs(p[2]) < FARTHEST and 0.9 < q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2 < 1.1
-
-
-def _squares(error: Array) -> tuple[float, float]:
-    """Return the squares of distance and angle of a pose error (6,)."""
-    x, y, z, a, b, c = error.tolist()
-    return x * x + y * y + z * z, a * a + b * b + c * c
-
-
-def _exceeds(squares: tuple[float, float], limits: tuple[float, float], share: float = 1.0) -> bool:
-    """Tell whether a pose error is beyond a distance or an angle; ``share`` scales their squares."""
-    return squares[0] > share * limits[0] ** 2 or squares[1] > share * limits[1] ** 2
 
 
 class Servo:
@@ -141,18 +82,7 @@ class Servo:
         self.numbers, self.spent = Numbers(robot.n), 0.0
         self.guard = JointGuard(robot.limits, self.period, self.numbers.joints)
         self.ik = DifferentialIK(robot, self.period, self.settings.ik, make_solver(solver))
-        self._model = build_kernel(reference_model(prediction.FADING))
-        self._model.bind(0, self.numbers.reference)
-        self._reference, self._target, self._elapsed, values, period, self._led = self._model.inputs
-        self._next_reference, self._gap = self._model.outputs
-        # An arm that ramps its accelerations slowly cannot follow a quick reference.
-        bandwidth = min(self.settings.bandwidth, 1.0 / ramp_time(robot.limits))
-        values[ReferenceSettings.BANDWIDTH] = bandwidth
-        for part, *pair in zip(_PARTS, tool_braking(robot.limits), self.settings.catching_up, strict=True):
-            values[part] = pair
-        period[:] = self.period
-        self._waiting = 1.0 - exp(-self.period / WAITING)
-        self._singular_volume = SINGULAR_SHARE * self.ik.volume(robot.home)
+        self._tracking = Tracking(self.ik, self.settings, self.numbers, self.guard, avoid)
         self._written: Track | None = None  # the track that the reference model's target was written from
         self.numbers.preferred[:] = robot.home
         self.reset(robot.home)
@@ -216,7 +146,7 @@ class Servo:
         if self.state.stopped:
             X_WT = self.X_WT
             return tuple(X_WT.translation.tolist()), tuple(X_WT.quaternion.tolist())
-        row = self._reference.tolist()
+        row = self.numbers.reference.tolist()
         return tuple(row[:3]), tuple(row[3:7])
 
     def step(self, X_WT: Pose | None = None, stamp: float | None = None) -> Command:
@@ -265,10 +195,8 @@ class Servo:
             self._start()
         if self._written is not track:
             p, q, v, w, _, a, b = self._written = track
-            self._target[:] = (*p, *q, *v, *w, *a, *b)
-            self._led[0] = self.settings.led
-        self._elapsed[0] = elapsed
-        return self._follow()
+            self._tracking.aim((*p, *q, *v, *w, *a, *b))
+        return self._follow(elapsed, self.settings.led)
 
     def observe(self, p: Vector, q: Quaternion, stamp: float) -> None:
         """Take in a target sampled at ``stamp`` [s]; finite and unit is the caller's promise."""
@@ -291,9 +219,8 @@ class Servo:
         if self.state.stopped:
             self._start()
         self._written = None
-        self._target[:] = (*p, *q, *v, *w, *a, *b)
-        self._elapsed[0], self._led[0] = 0.0, 1.0
-        return self._follow()
+        self._tracking.aim((*p, *q, *v, *w, *a, *b))
+        return self._follow(0.0, 1.0)
 
     def stop(self) -> Command:
         """Move one tick of a jerk-limited motion to rest, or stay there."""
@@ -306,73 +233,20 @@ class Servo:
     def _start(self) -> None:
         """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""
         ticks, track, _ = self.state
-        q, v, _ = self.guard.state
-        X_WT, twist = self.robot.forward(q), self.robot.jacobian(q) @ v
-        self._reference[:] = np.concatenate([X_WT.translation, X_WT.quaternion, twist, np.zeros(6)])
+        self._tracking.start()
         self.state = ServoState(ticks, track, False)
 
-    def _follow(self) -> Command:
-        """Move one tick towards the target that the reference model has been given."""
+    def _follow(self, elapsed: float, led: float) -> Command:
+        """Move one tick towards the target that tracking has been given, see `Tracking.step`."""
         start = perf_counter()
-        self._model.run()
-        reference, guard, numbers = self._reference, self.guard, self.numbers
-        lowest, highest = guard.lowest, guard.highest
-        rows = None if self.avoid is None else self.avoid.rows(guard.q, lowest, highest)
-        step = self.ik.solve(
-            guard.columns, reference[:7], self._next_reference[7:13], numbers.preferred, lowest, highest, rows
-        )
-        reference[:] = self._next_reference
+        velocity, step, verdict = self._tracking.step(elapsed, led)
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
-        # A little inside, or a reference that waits at just this distance would count as near at every other tick.
-        squares = _squares(step.error)
-        far = _exceeds(squares, self.settings.far, NEAR)
-        gap = self._gap.tolist()
-        noticeable = _exceeds(squares, NOTICEABLE) or gap[0] > BEHIND[0] or gap[1] > BEHIND[1]
-        if far:
-            self._wait()
-        wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
-        verdict = FOLLOWING
-        if noticeable:
-            near = None if self.avoid is None else self.avoid.blocking(wanted)
-            verdict = held_back(self.robot, guard, wanted, near, far)
-        if verdict.status is Status.LIMITED:
-            self._yield(wanted)
-        if step.volume < self._singular_volume and noticeable:
-            verdict = near_singularity(self.robot, guard.q, step.error, verdict)
-        state = guard.advance(wanted)
+        state = self.guard.advance(velocity)
         ticks, track, stopped = self.state
         self.state = ServoState(ticks + 1, track, stopped)
         self.spent = perf_counter() - start
-        return Command(*state, *verdict, step.error, step.volume, step.iterations, step.slack, guard.outside)
-
-    def _wait(self) -> None:
-        """Let the reference wait for an arm that cannot follow, so that there is no distance to make up in a rush."""
-        X_WT, reference = self.X_WT, self._reference
-        tool_q = tuple(X_WT.quaternion.tolist())
-        far_p, far_r = self.settings.far
-        ahead = scalar.shortened(tuple((reference[:3] - X_WT.translation).tolist()), far_p)
-        turn = scalar.log(scalar.multiply(tuple(reference[3:7].tolist()), scalar.conjugate(tool_q)))
-        reference[:3] = X_WT.translation + ahead
-        reference[3:7] = scalar.multiply(scalar.exp(scalar.shortened(turn, far_r)), tool_q)
-
-    def _yield(self, wanted: Array) -> None:
-        """Lead the reference to an arm that a limit of its rates holds back, so that it does not have to run after.
-
-        An arm that presses against the end of a joint is left alone: there is nothing that it could catch up with.
-        """
-        guard, reference = self.guard, self._reference
-        bounds = np.where(wanted <= guard.lowest, guard.bounds[:, 0], -1.0)
-        bounds = np.where(wanted >= guard.highest, guard.bounds[:, 1], bounds)
-        if (bounds == Bound.POSITION).any():
-            return
-        share, q = self._waiting, guard.q
-        X_WT, own = self.robot.forward(q), tuple(reference[3:7].tolist())
-        back = scalar.log(scalar.multiply(tuple(X_WT.quaternion.tolist()), scalar.conjugate(own)))
-        turn = scalar.exp((share * back[0], share * back[1], share * back[2]))
-        reference[:3] += share * (X_WT.translation - reference[:3])
-        reference[3:7] = scalar.multiply(turn, own)
-        reference[7:13] += share * (self.robot.jacobian(q) @ wanted - reference[7:13])
+        return Command(*state, *verdict, step.error, step.volume, step.iterations, step.slack, self.guard.outside)
 
     def _stop(self, status: Status, reason: str) -> Command:
         start, guard = perf_counter(), self.guard

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optsc.control.servo import Servo, ServoSettings, Status, _exceeds, _squares
+from optsc.control.servo import Servo, ServoSettings, Status
 from optsc.control.status import held_back
+from optsc.control.tracking import _exceeds, _squares
 from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry import Pose, rotation
 from optsc.ik import IkSettings
