@@ -8,6 +8,7 @@ from . import geometry as geometry
 from . import grasps as grasps
 from . import ik as ik
 from . import kernels as kernels
+from . import live as live
 from . import metrics as metrics
 from . import operators as operators
 from . import people as people

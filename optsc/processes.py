@@ -29,7 +29,7 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
         _single_threaded(),
         leash,
         held,
-        ProcessPoolExecutor(workers, context, initializer=_end_with, initargs=(leash,)) as pool,
+        ProcessPoolExecutor(workers, context, initializer=end_with, initargs=(leash,)) as pool,
     ):
         try:
             yield pool
@@ -38,7 +38,7 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
             raise
 
 
-def _end_with(leash: Connection) -> None:
+def end_with(leash: Connection) -> None:
     """Let this process end when the other end of ``leash`` closes; interrupts are left to the process that holds it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -30,7 +30,7 @@ LEVELS = (
     ("perception",),
     ("viewers",),
     ("study",),
-    ("demo",),
+    ("demo", "live"),
     ("cli",),
 )
 LEVEL = {room: i for i, rooms in enumerate(LEVELS) for room in rooms}
@@ -53,6 +53,8 @@ FENCES = {
     "pyarrow": {"study"},
     "distributed": {"study"},
     "optuna": {"study"},
+    "websockets": {"live"},
+    "cryptography": {"live"},
 }
 
 
