@@ -43,7 +43,7 @@ FEW_STARTS = 2 * STARTS
 CHOICE_STARTS = 16
 """Starts that a choice is made from, besides the configuration at hand."""
 POSE_TOLERANCE = 1e-5
-"""Greatest component of the pose error of a solution [m and rad], as in the protocol of TRAC-IK."""
+"""Greatest distance [m] and angle [rad] of a solution to its pose; found ones are mostly below 1e-9."""
 REASONS = ("", "out of reach", "joint limits", "collision", "not found")
 """The words of each `IkStatus`."""
 _WORDS = np.array(REASONS)
@@ -57,7 +57,7 @@ class IkSolutions(NamedTuple):
         q: (N, n), inside the limits; where there was no success, the one of least residual that was met, or one
             that touches something.
         success: (N,) bool: the pose is met within tolerance, and the configuration clear where that was asked for.
-        residual: (N,) largest component of the pose error (p* - p, log(R* Rᵀ)) at q [m and rad]; with six
+        residual: (N,) the larger of distance ‖p* - p‖ [m] and angle ‖log(R* Rᵀ)‖ [rad] at q; with six
             tolerances, by how much a component of `deviation` exceeds its own: 0 on success.
         reason: (N,) text: empty on success, else one of `REASONS`.
         status: (N,) the same as numbers, see `IkStatus`.
@@ -238,9 +238,11 @@ def solve_ik(
             (N, n) for each its own, or (N, K, n) for K of each, tried one after another. A joint that can make
             full turns ends within half a turn of its first seed, as far as limits permit.
         restarts: greatest number of attempts from other starts, for poses that their seeds do not solve.
-        tolerance: greatest component of the pose error that counts as success [m and rad]; or six numbers
-            that bound the components of `deviation`, in the tool's axes: position x, y, z, tilt about x and y,
-            roll about z. Infinite ones are free.
+        tolerance: greatest distance [m] and greatest angle [rad] to the pose that count as success. Within it a
+            configuration is finished to 1e-9, except where steps lead no nearer: at a singularity, or for a pose
+            that is itself out of reach by less than the tolerance. Or six numbers that bound the components of
+            `deviation`, in the tool's axes: position x, y, z, tilt about x and y, roll about z. Infinite ones are
+            free, and nothing is finished further than they ask.
         choice: "first": the first configuration that is found; "nearest": the one nearest to the (first) seed;
             "manipulability": the one of greatest ``measure``. The latter two compare several configurations and
             use what freedom the pose leaves.

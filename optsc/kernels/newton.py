@@ -29,6 +29,12 @@ def pose_error(R: casadi.SX, p: casadi.SX, target: casadi.SX) -> casadi.SX:
     return casadi.vertcat(target[4:7] - p, rotations.from_matrix(rotations.to_matrix(target[:4]) @ R.T))
 
 
+def error_norm(error: casadi.SX) -> casadi.SX:
+    """Return the larger of distance [m] and angle [rad] of a pose error (6): the same in all axes."""
+    distance, angle = (casadi.sqrt(casadi.dot(part, part)) for part in (error[:3], error[3:]))
+    return casadi.fmax(distance, angle)
+
+
 def tool_deviation(
     R_WT: casadi.SX, p_WT: casadi.SX, R_goal: casadi.SX, p_goal: casadi.SX
 ) -> tuple[casadi.SX, casadi.SX]:

@@ -12,14 +12,14 @@ import numpy as np
 
 from optsc.kernels import rotations
 from optsc.kernels.chain import Chain, tool_kinematics
-from optsc.kernels.newton import DAMPING, FLOOR, WEIGHTS, damped_step, pose_error, without_blocked
+from optsc.kernels.newton import DAMPING, FLOOR, WEIGHTS, damped_step, error_norm, pose_error, without_blocked
 from optsc.kernels.symbols import inputs_like, only_if, symbols
 
 STEPS_PER_BLOCK = 8
 STEPS = 8 * STEPS_PER_BLOCK
 """Steps of a path at most."""
 END_TOLERANCE, STEP_TOLERANCE = 1e-5, 1e-3
-"""Greatest component of the pose error at the end and after each other step [m and rad]."""
+"""Greatest distance [m] and angle [rad] to the pose at the end and after each other step."""
 NEWTON_STEPS = 8
 """Of one step of the path at most; two or three are common."""
 
@@ -37,7 +37,7 @@ def newton(chain: Chain) -> casadi.Function:
     q, lower, upper, weights = state[:n], limits[:n], limits[n:], casadi.SX(WEIGHTS)
     R, p, J = tool_kinematics(chain, q)
     error = pose_error(R, p, target)
-    residual = casadi.norm_inf(error)
+    residual = error_norm(error)
     there = residual <= tolerance
     error = casadi.if_else(there, pose_error(R, p, onward), error)
     J = without_blocked(J, q, J.T @ (weights * error), lower, upper)

@@ -2,6 +2,9 @@
 
 An iteration is the step of `optsc.kernels.newton`, shortened to `LONGEST_STEP` and projected onto the limits.
 
+With one tolerance, a pose is met when distance and angle are both within it: norms, so that the verdict is the same in
+all axes. The iterations go on until both are below `FINISH`, or no longer fall: mostly that is one Newton step more.
+
 With a tolerance for every component, e is what the deviation of the tool from its target (see `tool_deviation`) has
 beyond `AIM` times its tolerance, and components within that have no row in J: what is free takes no part, and what has
 room is moved no further than it must.
@@ -21,6 +24,7 @@ from optsc.kernels.newton import (
     FLOOR,
     INVERSE_WEIGHTS,
     damped_step,
+    error_norm,
     pose_error,
     tool_deviation,
     without_blocked,
@@ -36,38 +40,46 @@ ITERATIONS = 40
 """Greatest number of iterations of an attempt; a multiple of _BLOCK."""
 _BLOCK = 10
 
+FINISH = 5e-10
+"""Distance [m] and angle [rad] to which a solution is finished, where it converges so far: half of what is promised."""
 AIM = 0.5
 """Share of its tolerance that a component is led into, so that small steps do not end just outside."""
 
 STARTS = 8
 """Starts that one call of `search` tries one after another."""
 
-_RUNNING, _SOLVED, _ABANDONED = 0, 1, 2
+_RUNNING, _ENDED = 0, 1
 
 
 @dataclass
 class _State:
     """An attempt while it runs."""
 
-    q: casadi.SX
+    q: casadi.SX  # what the next iteration evaluates
+    at: casadi.SX  # what came nearest to the target so far
+    residual: casadi.SX  # there
     status: casadi.SX
-    residual: casadi.SX
     iterations: casadi.SX
     least: casadi.SX  # least cost so far
     stalled: casadi.SX  # iterations since it last fell
 
     @classmethod
     def start(cls, q: casadi.SX) -> _State:
-        return cls(q, *(casadi.SX(value) for value in (_RUNNING, np.inf, 0.0, np.inf, 0.0)))
+        return cls(q, q, *(casadi.SX(value) for value in (np.inf, _RUNNING, 0.0, np.inf, 0.0)))
 
     @classmethod
     def unpack(cls, rows: casadi.SX) -> _State:
-        n = rows.shape[0] - 5
-        return cls(rows[:n], *(rows[n + i] for i in range(5)))
+        n = (rows.shape[0] - 5) // 2
+        return cls(rows[:n], rows[n : 2 * n], *(rows[2 * n + i] for i in range(5)))
 
     def pack(self) -> casadi.SX:
-        rows = (self.q, self.status, self.residual, self.iterations, self.least, self.stalled)
+        rows = (self.q, self.at, self.residual, self.status, self.iterations, self.least, self.stalled)
         return casadi.densify(casadi.vertcat(*rows))
+
+
+def state_size(n: int) -> int:
+    """Return how many numbers the state of an attempt has for an arm of n joints."""
+    return 2 * n + 5
 
 
 @dataclass
@@ -77,15 +89,14 @@ class _Miss:
     error: casadi.SX  # what a step is to take away (6,)
     J: casadi.SX  # how much of it joint velocities take away (6, n)
     residual: casadi.SX  # what solutions are compared by [m or rad]
-    solved: casadi.SX
+    finish: casadi.SX  # residual up to which iterations go on where they can
 
 
 def _miss(chain: Chain, q: casadi.SX, target: casadi.SX) -> _Miss:
     """One tolerance for all: target is quaternion, position, tolerance; all in W's axes."""
     R, p, J = tool_kinematics(chain, q)
     error = pose_error(R, p, target)
-    residual = casadi.norm_inf(error)
-    return _Miss(error, J, residual, residual <= target[7])
+    return _Miss(error, J, error_norm(error), casadi.fmin(target[7], FINISH))
 
 
 def _miss_by_component(chain: Chain, q: casadi.SX, target: casadi.SX) -> _Miss:
@@ -99,18 +110,18 @@ def _miss_by_component(chain: Chain, q: casadi.SX, target: casadi.SX) -> _Miss:
     J = casadi.vertcat(R_goal.T @ J[:3, :], rates @ (R_goal.T @ J[3:, :]))
     J = casadi.vertcat(*(J[i, :] * wanted[i] for i in range(6)))
     excess = casadi.mmax(casadi.fabs(deviation) - tolerances)
-    return _Miss(error, J, casadi.fmax(excess, 0), excess <= 0)
+    return _Miss(error, J, casadi.fmax(excess, 0), casadi.SX(0))
 
 
 def iteration(chain: Chain, by_component: bool) -> casadi.Function:
     """Return the function (state, target, bounds) -> state of one Levenberg-Marquardt step."""
     n = chain.n
-    inputs = symbols(casadi.SX, state=n + 5, target=target_size(by_component), bounds=2 * n)
+    inputs = symbols(casadi.SX, state=state_size(n), target=target_size(by_component), bounds=2 * n)
     rows, target, bounds = inputs
     lower, upper = bounds[:n], bounds[n:]
     state = _State.unpack(rows)
     miss = (_miss_by_component if by_component else _miss)(chain, state.q, target)
-    error, J, residual = miss.error, miss.J, miss.residual
+    error, J = miss.error, miss.J
     inverse_weights = casadi.SX(INVERSE_WEIGHTS)
     weighted = error / inverse_weights
     cost = casadi.dot(error, weighted)
@@ -121,13 +132,14 @@ def iteration(chain: Chain, by_component: bool) -> casadi.Function:
     fell = cost < FALL * state.least
     stalled = casadi.if_else(fell, 0, state.stalled + 1)
     hopeless = casadi.logic_or(stalled > PATIENCE, state.iterations >= ITERATIONS - 1)
-    status = casadi.if_else(miss.solved, _SOLVED, casadi.if_else(hopeless, _ABANDONED, _RUNNING))
+    nearer = miss.residual < state.residual
+    least = casadi.if_else(nearer, miss.residual, state.residual)
     moved = casadi.fmin(casadi.fmax(state.q + step, lower), upper)
     after = _State(
-        # The residual belongs to the configuration that is returned, so the last iteration does not move.
-        q=casadi.if_else(status == _RUNNING, moved, state.q),
-        status=status,
-        residual=residual,
+        q=moved,
+        at=casadi.if_else(nearer, state.q, state.at),
+        residual=least,
+        status=casadi.if_else(casadi.logic_or(least <= miss.finish, hopeless), _ENDED, _RUNNING),
         iterations=state.iterations + 1,
         least=casadi.if_else(fell, cost, state.least),
         stalled=stalled,
@@ -139,11 +151,11 @@ def _repeated(step: casadi.Function, times: int, name: str) -> casadi.Function:
     """Return the function that applies ``step`` ``times`` times, or until the attempt is no longer running."""
     arguments = inputs_like(step)
     state, *others = arguments
-    n = state.shape[0] - 5
+    status = (state.shape[0] - state_size(0)) + 1
     unchanged = casadi.Function(f"{name}_unchanged", arguments, [state])
     by_status = casadi.Function.conditional(f"{name}_by_status", [step], unchanged)
     for _ in range(times):
-        state = by_status(state[n], state, *others)
+        state = by_status(state[status], state, *others)
     return casadi.Function(name, arguments, [state])
 
 
@@ -164,16 +176,16 @@ def target_size(by_component: bool) -> int:
 
 
 def _ended(chain: Chain) -> casadi.Function:
-    """Return the function (state, best, seed, limits) -> best after an attempt."""
+    """Return the function (state, best, tolerance, seed, limits) -> best after an attempt."""
     n = chain.n
-    inputs = symbols(casadi.SX, state=n + 5, best=n + 3, seed=n, limits=2 * n)
-    rows, best, seed, limits = inputs
+    inputs = symbols(casadi.SX, state=state_size(n), best=n + 3, tolerance=1, seed=n, limits=2 * n)
+    rows, best, tolerance, seed, limits = inputs
     state, lower, upper = _State.unpack(rows), limits[:n], limits[n:]
-    turned = _unwound(state.q, seed, lower, upper)
-    q = casadi.vertcat(*(state.q[i] if slides else turned[i] for i, slides in enumerate(chain.slides)))
+    turned = _unwound(state.at, seed, lower, upper)
+    q = casadi.vertcat(*(state.at[i] if slides else turned[i] for i, slides in enumerate(chain.slides)))
     # Taking off turns leaves rounding, which must not lead out of the limits.
     inside = casadi.fmin(casadi.fmax(q, lower), upper)
-    found = casadi.vertcat(inside, state.residual, state.status == _SOLVED)
+    found = casadi.vertcat(inside, state.residual, state.residual <= tolerance)
     better = state.residual < best[n]
     kept = casadi.vertcat(casadi.if_else(better, found, best[: n + 2]), best[n + 2] + state.iterations)
     return casadi.Function("ended", inputs, [kept])
@@ -188,15 +200,17 @@ def _attempt(chain: Chain, by_component: bool) -> casadi.Function:
     size = target_size(by_component)
     inputs = symbols(casadi.MX, best=n + 3, target=size, seed=n, start=n, bounds=2 * n, limits=2 * n)
     best, target, seed, start, bounds, limits = inputs
-    after = _ended(chain)(run(begin(start), target, bounds), best, seed, limits)
+    # Six tolerances are taken off the residual already.
+    tolerance = 0.0 if by_component else target[7]
+    after = _ended(chain)(run(begin(start), target, bounds), best, tolerance, seed, limits)
     return casadi.Function("attempt", inputs, [after])
 
 
 def search(chain: Chain, by_component: bool = False) -> casadi.Function:
     """Return the function (best, target, seed, starts, count, bounds, limits) -> best of attempts at one pose.
 
-    * best (n + 3), in and out: the configuration of least residual so far; its residual, the largest component of the
-      pose error there [m or rad], infinite at first; whether it is within tolerance; iterations so far.
+    * best (n + 3), in and out: the configuration of least residual so far; its residual, the larger of distance and
+      angle to the target there [m or rad], infinite at first; whether it is within tolerance; iterations so far.
     * target (8): unit quaternion w, x, y, z, position [m], tolerance of the residual; or, ``by_component``, (13):
       the last six are tolerances of the components of `tool_deviation`, infinite where one is free. The residual is
       then what exceeds them, zero on success.

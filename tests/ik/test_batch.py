@@ -43,10 +43,11 @@ def reachable(robot, count, seed=0):
 
 
 def pose_error(robot, q, X_WT):
-    """Largest component of position and rotation error, from pinocchio's kinematics."""
+    """The larger of distance [m] and angle [rad], from pinocchio's kinematics."""
     found = robot.forward(q)
     turn = rotation.log(rotation.multiply(X_WT.quaternion, rotation.conjugate(found.quaternion)))
-    return np.max(np.abs(np.concatenate([X_WT.translation - found.translation, turn], axis=-1)), axis=-1)
+    distance = np.linalg.norm(X_WT.translation - found.translation, axis=-1)
+    return np.maximum(distance, np.linalg.norm(turn, axis=-1))
 
 
 def inside(robot, q):
@@ -65,6 +66,8 @@ def test_random_reachable_poses_are_solved_inside_the_limits(name):
     np.testing.assert_allclose(residual, error, rtol=1e-6, atol=1e-12)
     assert np.all(success == (error <= 1e-5))
     assert np.all((reason == "") == success)
+    # Not at a singularity, where steps lead no nearer.
+    assert np.count_nonzero(error[success] > 1e-9) <= 1
 
 
 @pytest.mark.parametrize("kind", ["five joints", "sliding"])
@@ -79,7 +82,54 @@ def test_arms_of_other_kinds_are_solved_as_well(kind, tmp_path):
     solutions = solve_ik(robot, X_WT)
     assert np.mean(solutions.success) >= 0.99
     assert inside(robot, solutions.q)
-    assert np.all(pose_error(robot, solutions.q, X_WT)[solutions.success] <= 1e-5)
+    assert np.all(pose_error(robot, solutions.q, X_WT)[solutions.success] <= 1e-9)
+
+
+RAIL = """
+<robot name="rail">
+  <link name="base"/><link name="carriage"/><link name="tool"/>
+  <joint name="slide" type="prismatic">
+    <parent link="base"/><child link="carriage"/><origin xyz="0.1 0.2 0.3" rpy="{world}"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" velocity="1" effort="1"/>
+  </joint>
+  <joint name="flange" type="fixed">
+    <parent link="carriage"/><child link="tool"/><origin xyz="0 0 0.1" rpy="{tool}"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("case", range(4))
+def test_a_pose_is_judged_by_distance_and_angle_whatever_the_axes_of_world_and_tool(case, tmp_path):
+    # A carriage can only slide, so that what a target is beside its rail, or turned by, stays.
+    rng = np.random.default_rng(case)
+    angles = {name: " ".join(map(repr, rng.uniform(-3, 3, 3).tolist())) for name in ("world", "tool")}
+    path = tmp_path / "rail.urdf"
+    path.write_text(RAIL.format(**angles))
+    robot = model_from_urdf(path, "tool")
+    along = robot.forward(np.array([0.5])).translation - robot.forward(np.array([-0.5])).translation
+    beside = np.cross(along, rng.normal(size=(100, 3)))
+    beside /= np.linalg.norm(beside, axis=1, keepdims=True)
+    about = rng.normal(size=(100, 3))
+    about /= np.linalg.norm(about, axis=1, keepdims=True)
+    X_WT, _ = reachable(robot, 100, seed=case)
+    for share in (0.9999, 1.0001):
+        shifted = Pose(X_WT.quaternion, X_WT.translation + 1e-5 * share * beside)
+        turned = Pose(rotation.multiply(rotation.exp(1e-5 * share * about), X_WT.quaternion), X_WT.translation)
+        for target in (shifted, turned):
+            solutions = solve_ik(robot, target, restarts=1)
+            assert np.all(solutions.success == (share < 1.0))
+            np.testing.assert_allclose(solutions.residual, 1e-5 * share, atol=1e-11)
+
+
+def test_a_solution_is_finished_also_alone_and_from_a_start_within_tolerance():
+    X_WT, q = reachable(PANDA, 60, seed=14)
+    beside = PANDA.limits.clip(q + 1e-6)
+    assert np.all(pose_error(PANDA, beside, X_WT) < 1e-5)
+    for i in range(60):
+        alone = solve_ik(PANDA, X_WT[i], seeds=beside[i])
+        assert pose_error(PANDA, alone.q, X_WT[i]) <= 1e-9
+        assert np.max(np.abs(alone.q - q[i])) < 1e-4
 
 
 def test_a_pose_that_the_seed_reaches_is_solved_by_the_seed_itself():
@@ -118,7 +168,7 @@ def test_a_tool_turned_by_exactly_half_a_turn_is_no_solution():
     np.testing.assert_allclose(solutions.residual, error, atol=1e-7)
     assert np.all(solutions.success == (error <= 1e-5))
     again = solve_ik(PANDA, X_WT)
-    assert np.all(pose_error(PANDA, again.q, X_WT)[again.success] <= 1e-5)
+    assert np.all(pose_error(PANDA, again.q, X_WT)[again.success] <= 1e-9)
     assert np.any(again.success)
 
 

@@ -32,7 +32,7 @@ def test_a_step_is_the_damped_one_of_the_page():
         J = robot.jacobian(q)
         damping = 0.05 * e @ W @ e + 1e-10
         step = J.T @ np.linalg.solve(J @ J.T + damping * np.linalg.inv(W), e)
-        state = np.concatenate([q, [0.0, np.inf, 0.0, np.inf, 0.0]])
+        state = np.concatenate([q, q, [np.inf, 0.0, 0.0, np.inf, 0.0]])
         target = np.concatenate([X_goal.quaternion, X_goal.translation, [1e-5]])
         free = np.repeat([-np.inf, np.inf], 7)
         (after,) = kernel(state, target, free)

@@ -32,7 +32,7 @@ def test_every_configuration_holds_the_tool_on_the_line_as_pinocchio_sees_it(nam
         wanted, found = start.interpolate(end[k], share), robot.forward(rollout.configurations[k, :count])
         assert np.abs(wanted.translation - found.translation).max() <= STEP_TOLERANCE
         assert rotation.angle(wanted.quaternion, found.quaternion).max() <= 2 * STEP_TOLERANCE
-        assert np.abs(end[k].translation - found.translation[-1]).max() <= END_TOLERANCE + 1e-9
+        assert np.linalg.norm(end[k].translation - found.translation[-1]) <= END_TOLERANCE + 1e-9
         assert rotation.angle(end[k].quaternion, found.quaternion[-1]) <= 2 * END_TOLERANCE
         assert np.array_equal(rollout.q[k], rollout.configurations[k, count - 1])
         assert np.array_equal(rollout.configurations[k, count:], np.tile(rollout.q[k], (STEPS - count, 1)))
