@@ -1,4 +1,4 @@
-"""The collision shapes of an arm's links and its hand, as its description has them."""
+"""The shapes of an arm's links and its hand, as its description has them: those to touch, or those to see."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ from optsc.robot.model import RobotModel
 
 
 class LinkShapes:
-    """The collision shapes of a whole description, jaws included.
+    """The shapes of a whole description, jaws included.
+
+    Args:
+        robot: the arm.
+        visual: whether those that are to be seen are meant, instead of the collision geometry.
 
     Attributes:
         robot: the arm.
@@ -26,16 +30,19 @@ class LinkShapes:
         hand: shapes of the hand: the fingers and the link that carries them.
 
     Raises:
-        DamagedFile: the description or one of its collision meshes cannot be read.
+        DamagedFile: the description or one of its meshes cannot be read.
     """
 
-    def __init__(self, robot: RobotModel) -> None:
+    def __init__(self, robot: RobotModel, visual: bool = False) -> None:
         self.robot, path = robot, str(robot.urdf)
+        kind, words = pinocchio.GeometryType.COLLISION, "collision geometry"
+        if visual:
+            kind, words = pinocchio.GeometryType.VISUAL, "visual geometry"
         try:
             model = self.model = pinocchio.buildModelFromUrdf(path)
-            self.geometry = pinocchio.buildGeomFromUrdf(model, path, pinocchio.GeometryType.COLLISION)
+            self.geometry = pinocchio.buildGeomFromUrdf(model, path, kind)
         except (ValueError, RuntimeError) as error:
-            raise DamagedFile(robot.urdf, f"collision geometry cannot be loaded ({error})") from None
+            raise DamagedFile(robot.urdf, f"{words} cannot be loaded ({error})") from None
         shapes = self.shapes
         self.links = [model.frames[shape.parentFrame].name for shape in shapes]
         self.moving = [i for i, shape in enumerate(shapes) if shape.parentJoint != 0]
