@@ -93,9 +93,8 @@ def _mesh(shape: Any, cell: float) -> TriangleMesh | None:
     """Return the surface of a shape; None for one that has none, such as a plane."""
     geometry = shape.geometry
     if isinstance(geometry, coal.BVHModelBase):
-        faces = [
-            [triangle[0], triangle[1], triangle[2]] for triangle in map(geometry.tri_indices, range(geometry.num_tris))
-        ]
+        corners = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
+        faces = [[corner[0], corner[1], corner[2]] for corner in corners]
         if not faces:
             return None
         return TriangleMesh(np.asarray(geometry.vertices()), np.array(faces)).clustered(cell)

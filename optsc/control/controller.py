@@ -88,15 +88,13 @@ class SharedController:
         self.robot, self.selector = robot, selector
         self.arbitration = arbitration or Alternating()
         self.approach = approach or Approach()
-        self._modes = ModeSettings(
-            robot, self.arbitration, self.approach, smoothing, fine_tuning, robot.gripper.max_opening
-        )
+        self._modes = ModeSettings(robot, self.arbitration, self.approach, fine_tuning, robot.gripper.max_opening)
         self._within = grasp_within
         self._servo_settings, self._solver, self._avoid = servo or ServoSettings(), solver, avoid
         if intent is None and (self.arbitration.assists or self.arbitration.trigger is Trigger.GRASPS):
             intent = IntentSettings()
         self._choice = GraspChoice(robot, selector, self.approach, intent, self.arbitration.aim)
-        self.state = ControllerState(clutch or ClutchSettings(), self._modes.open)
+        self.state = ControllerState(clutch or ClutchSettings(), smoothing, self._modes.open)
         self.reset(robot.home)
 
     def reset(self, q: ArrayLike, rate: float = 500.0) -> None:
@@ -105,7 +103,7 @@ class SharedController:
         servo.reset(q)
         self.servo = servo
         self.selector.forget()
-        self.state = ControllerState(self.state.clutch, self._modes.open)
+        self.state = ControllerState(self.state.clutch, self.state.smoothing, self._modes.open)
         if self._avoid is not None:
             self._avoid.hand_may_touch()
 
@@ -174,7 +172,11 @@ class SharedController:
         hand = self.state.monitor.hand
         if hand is None:
             return
-        self._set(clutch=recentred(self.clutch, hand, self.servo.reference[1]))
+        self.couple_by(recentred(self.clutch, hand, self.servo.reference[1]), self.state.smoothing)
+
+    def couple_by(self, clutch: ClutchSettings, smoothing: Smoothing | None) -> None:
+        """Map and smooth the hand in another way from now on. In manual mode it is coupled again: the target stays."""
+        self._set(clutch=clutch, smoothing=smoothing)
         if self.mode is Mode.MANUAL:
             self._set(activity=activity_of(self._modes, self.state, self.servo))
 

@@ -15,6 +15,7 @@ from optsc.control.operator_input import InputMonitor
 from optsc.control.state import ServoSnapshot, same
 from optsc.control.status import Command
 from optsc.operators import ClutchSettings
+from optsc.operators.smoothing import Smoothing
 from optsc.selection import Ranking, Target
 from optsc.selection.selector import SelectorState
 
@@ -23,7 +24,8 @@ class ControllerState(NamedTuple):
     """What a shared controller remembers from tick to tick, besides the servo's numbers and the selector's state.
 
     Attributes:
-        clutch: how the hand's motion maps to the tool's; `SharedController.recentre` changes it.
+        clutch: how the hand's motion maps to the tool's; `SharedController.recentre` and `couple_by` change it.
+        smoothing: how the hand is smoothed before that, if at all; `SharedController.couple_by` changes it.
         opening: commanded distance of the jaws [m].
         mode, entered: the control mode, and since when [s].
         activity: what is done in it.
@@ -40,6 +42,7 @@ class ControllerState(NamedTuple):
     """
 
     clutch: ClutchSettings
+    smoothing: Smoothing | None
     opening: float
     mode: Mode = Mode.HOLD
     entered: float = 0.0

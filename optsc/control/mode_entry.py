@@ -23,7 +23,6 @@ from optsc.control.modes import TRANSITIONS, Event, Mode, next_mode
 from optsc.control.servo import Servo
 from optsc.geometry import Pose
 from optsc.geometry.scalar import Quaternion, Vector
-from optsc.operators.smoothing import Smoothing
 from optsc.robot import RobotModel
 from optsc.selection import Target
 
@@ -35,7 +34,6 @@ class ModeSettings(NamedTuple):
         robot: the arm, with a gripper.
         arbitration: how hand and robot share the motion.
         approach: how the robot moves by itself.
-        smoothing: of the hand, if any.
         fine_tuning: how far a grasp may be shifted on the way to it, if at all.
         open: distance of the open jaws [m].
     """
@@ -43,7 +41,6 @@ class ModeSettings(NamedTuple):
     robot: RobotModel
     arbitration: Arbitration
     approach: Approach
-    smoothing: Smoothing | None
     fine_tuning: FineTuning | None
     open: float
 
@@ -74,8 +71,8 @@ def activity_of(settings: ModeSettings, state: ControllerState, servo: Servo) ->
     if mode is Mode.MANUAL:
         servo.prefer(settings.robot.home)
         if settings.arbitration.assists:
-            return Assisted.begin(settings.arbitration, approach, state.clutch, settings.smoothing)
-        return Following(Coupling(state.clutch, settings.smoothing))
+            return Assisted.begin(settings.arbitration, approach, state.clutch, state.smoothing)
+        return Following(Coupling(state.clutch, state.smoothing))
     if mode is Mode.APPROACH and target is not None:
         servo.prefer(target.q)
         shift = None if state.tuning is None else Shift(state.tuning.settings.speed)

@@ -56,8 +56,8 @@ class TriangleMesh:
     def clustered(self, cell: float) -> TriangleMesh:
         """Return a coarser mesh for pictures: the vertices of each cube of size ``cell`` [m] become their mean.
 
-        Vertex clustering after Rossignac and Borrel 1993. Faces that collapse, and copies of a face, are left out; where
-        all collapse, the mesh is returned as it is. Raises `InvalidValue` unless ``cell`` is above 0.
+        Vertex clustering after Rossignac and Borrel 1993. Faces that collapse, and copies of a face, are left
+        out; where all collapse, the mesh is returned as it is. Raises `InvalidValue` unless ``cell`` is above 0.
         """
         if not 0.0 < cell < np.inf:
             raise InvalidValue("cell of the clustering", cell, "finite, above 0 m")

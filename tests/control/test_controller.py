@@ -1,5 +1,7 @@
 """The shared controller with a real arm, a real selector and a hand that is moved by the test."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -262,6 +264,21 @@ def test_recentring_does_not_move_the_target_and_turns_what_forward_means(robot)
     rig.go(0.5)
     moved = rig.tool().translation - before.translation
     np.testing.assert_allclose(moved, rotation.rotate(rotation.exp([0, 0, 0.7 - 0.5]), [0.05, 0, 0]), atol=1e-3)
+
+
+def test_changing_the_scale_or_the_smoothing_while_the_hand_moves_does_not_move_the_target(robot):
+    rig = start(robot)
+    rig.go(0.4, move=(0.05, 0, 0))
+    rig.go(0.4)
+    before = rig.tool()
+    rig.controller.couple_by(replace(rig.controller.clutch, scale=2.0), Smoothing.low_pass(0.05))
+    rig.go(1.0)
+    assert np.linalg.norm(rig.tool().translation - before.translation) < 1e-3
+    rig.go(1.0, move=(0.02, 0, 0))
+    rig.go(1.0)
+    moved = rig.tool().translation - before.translation
+    assert np.linalg.norm(moved) == pytest.approx(0.04, abs=2e-3)
+    assert_no_step(rig)
 
 
 def test_smoothing_makes_a_trembling_hand_calmer(robot):
