@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from optsc.geometry import rotation
 from optsc.geometry.rotation import Array
+from optsc.ik.reach_bound import ReachBound
 from optsc.kernels.chain import forward_kinematics
 from optsc.kernels.kernel import BatchKernel, Kernel, build_batch_kernel, build_kernel
 from optsc.kernels.search import search
@@ -19,8 +21,6 @@ from optsc.robot.model import RobotModel
 
 POSES_PER_LOOP = 64
 """Poses in one compiled loop."""
-REACH_MARGIN = 1e-3
-"""Added to the bound of the reach [m]: a pose just outside is within a solver's tolerance of one inside."""
 TABLE_SIZE = 512
 """Configurations in a table of starts."""
 FIRST_TABLE_SEED = (2307, 16523)
@@ -35,47 +35,6 @@ JOINT_LENGTH = 0.1
 
 _I, _J = np.triu_indices(4)
 _WEIGHTS = np.sqrt(2.0) * TURN_LENGTH * np.where(_I == _J, 1.0, np.sqrt(2.0))
-
-
-@dataclass(frozen=True, eq=False)
-class ReachBound:
-    """A ball that holds the origin of the last joint in every configuration: how far an arm can possibly reach.
-
-    Where the last joint is follows from the pose of the tool alone, because turning it does not move it.
-
-    Attributes:
-        centre: origin of the first joint (3,), in W [m].
-        radius: sum of the distances between successive joints, and of how far they slide [m]; infinite where a joint
-            slides without limit.
-        last: origin of the last joint (3,), in T [m].
-    """
-
-    centre: Array
-    radius: float
-    last: Array
-
-    @classmethod
-    def of(cls, robot: RobotModel) -> ReachBound:
-        """Return the bound for an arm."""
-        chain = robot.chain
-        between = sum(float(np.linalg.norm(translation)) for translation in chain.translation[1:])
-        furthest = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
-        slides = sum(furthest[i] for i in range(robot.n) if chain.slides[i])
-        return cls(chain.translation[0], between + slides, -chain.tip_rotation.T @ chain.tip_translation)
-
-    def excludes(self, quaternion: Array, p_WT: Array) -> NDArray[np.bool_]:
-        """Return which poses of the tool (N, 4), (N, 3) are out of reach for certain; the others may be, too."""
-        w, v = quaternion[:, :1], quaternion[:, 1:]
-        # R u = (w² - v·v) u + 2 (v·u) v + 2 w v × u, for one u and many rotations.
-        turned = (2.0 * w * w - 1.0) * self.last + 2.0 * (v @ self.last)[:, None] * v + 2.0 * w * (v @ self._cross)
-        offset = turned + p_WT - self.centre
-        return np.einsum("ij,ij->i", offset, offset) > (self.radius + REACH_MARGIN) ** 2
-
-    @cached_property
-    def _cross(self) -> Array:
-        """The matrix for which v @ matrix is v × last."""
-        x, y, z = self.last
-        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def features(quaternion: Array, p: Array, q: Array) -> Array:
@@ -129,7 +88,7 @@ class ArmSearch:
 
     Attributes:
         robot: the arm.
-        reach: how far it can reach at most.
+        reach: which poses it cannot possibly reach.
         bounds: lower and upper limits (2 n,), without those of joints that can make a full turn in them.
         shared: bounds and limits as the compiled search takes them.
         endless: the same where no joint has any.
@@ -191,6 +150,20 @@ class ArmSearch:
     def first_table(self) -> StartTable:
         """The table that every call begins with, so that drawing it costs nothing."""
         return self.table(np.random.default_rng(FIRST_TABLE_SEED))
+
+    def further_tables(self, rng: np.random.Generator | None) -> Iterator[StartTable]:
+        """Draw tables of starts, by a generator of fixed seed where none is given."""
+        if rng is None:
+            yield self._second_table
+            rng = np.random.default_rng(0)
+            self.table(rng)  # that one again
+        while True:
+            yield self.table(rng)
+
+    @cached_property
+    def _second_table(self) -> StartTable:
+        """What a generator of fixed seed draws first: hardly any pose needs more."""
+        return self.table(np.random.default_rng(0))
 
     @cached_property
     def turns(self) -> NDArray[np.bool_]:

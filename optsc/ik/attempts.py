@@ -108,11 +108,11 @@ def restart(batch: PoseBatch, restarts: int, rng: np.random.Generator | None) ->
         excluded = arm.reach.excludes(batch.targets[:, :4], batch.targets[:, 4:7])
         status[excluded] = IkStatus.OUT_OF_REACH
     left, table, wanted = np.flatnonzero(status == IkStatus.NOT_FOUND), arm.first_table, batch.features()
+    further = arm.further_tables(rng)
     for tried in range(0, restarts, STARTS):
         skip = tried
         if tried >= FIRST_STARTS and len(left):
-            rng = np.random.default_rng(0) if rng is None else rng
-            table, skip = arm.table(rng), 0
+            table, skip = next(further), 0
         near = table.nearest(wanted[left], skip + STARTS)[:, skip : skip + restarts - tried]
         left = batch.attempt_some(left, table.q[near])
         if not tried:

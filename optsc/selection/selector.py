@@ -41,7 +41,7 @@ def _solver(robot: RobotModel) -> SolveIk:
     """Return this library's inverse kinematics as a selector asks for it."""
 
     def solve(X_WT: Pose, seeds: Array) -> tuple[Array, np.ndarray]:
-        solutions = solve_ik(robot, X_WT, rng=np.random.default_rng(0), seeds=seeds, restarts=RESTARTS)
+        solutions = solve_ik(robot, X_WT, seeds=seeds, restarts=RESTARTS)
         return solutions.q, solutions.success
 
     # What a single pose needs is compiled now, not in the middle of a control tick.

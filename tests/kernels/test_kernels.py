@@ -14,7 +14,7 @@ import pytest
 from optsc.cli.kernel_comparison import compare_kernels
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose, rotation
-from optsc.ik.arm import ReachBound
+from optsc.ik.reach_bound import ReachBound
 from optsc.kernels import (
     build_batch_kernel,
     build_kernel,
@@ -322,3 +322,14 @@ def test_a_pose_further_away_than_the_arm_is_long_is_out_of_reach(robot):
     X_WT = robot.forward(robot.home[None])
     far = Pose.from_translation([3.0, 0.0, 0.0]) @ X_WT
     assert ReachBound.of(robot).excludes(far.quaternion, far.translation).all()
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+def test_greatest_and_least_leave_out_what_is_not_a_number_as_the_interpreter_does():
+    x, y = casadi.SX.sym("x", 9), casadi.SX.sym("y", 9)
+    function = casadi.Function("extremes", [x, y], [casadi.fmax(x, y), casadi.fmin(x, y)])
+    a, b = (values.ravel() for values in np.meshgrid(*[[np.nan, -np.inf, 1.5]] * 2))
+    compiled = build_kernel(function)
+    assert compiled.compiled
+    for found, expected in zip(compiled(a, b), function(a, b), strict=True):
+        np.testing.assert_array_equal(found, expected.full()[:, 0])
