@@ -121,6 +121,10 @@ class SharedController:
         """Time since the reset [s]."""
         return self.servo.time
 
+    def time_at(self, now: float | None) -> float:
+        """Return what `time` a tick would have that begins at ``now`` [s], see `step`."""
+        return self.servo.time_at(now)
+
     @property
     def mode(self) -> Mode:
         """The control mode."""
@@ -180,7 +184,7 @@ class SharedController:
         if self.mode is Mode.MANUAL:
             self._set(activity=activity_of(self._modes, self.state, self.servo))
 
-    def step(self, sample: OperatorSample | None, measured: FollowerState) -> ControlStep:
+    def step(self, sample: OperatorSample | None, measured: FollowerState, now: float | None = None) -> ControlStep:
         """Do one tick; never raises.
 
         A tick that fails, in a policy or a cost of the user's for example, is taken back as a whole; in its place the
@@ -189,7 +193,10 @@ class SharedController:
         Args:
             sample: the operator's newest sample, None when there is none since the last tick.
             measured: the follower's state.
+            now: what time it is [s], on a clock of any origin that does not go back, see `Servo.step`; one period after
+                the last tick by default.
         """
+        self.servo.begin(now)
         before = self.snapshot()
         try:
             step = self._tick(sample, measured)
@@ -231,15 +238,16 @@ class SharedController:
                 self._set(choice=choice)
             self._allow_contact()
         state = self.state
+        command = self.servo.timed(outcome.command)
         return ControlStep(
             time,
             mode,
             event,
-            outcome.command,
+            command,
             state.opening,
             choice.ranking,
             state.target,
-            reason or outcome.command.reason,
+            reason or command.reason,
             choice.probabilities,
             outcome.assistance,
         )
@@ -250,7 +258,7 @@ class SharedController:
         if reason != self.state.failure:
             # Not at every tick of a failure that lasts: a traceback takes longer than the tick.
             _LOG.error("a control tick failed; the arm comes to rest", exc_info=error)
-        command = self.servo.halt(reason)
+        command = self.servo.timed(self.servo.halt(reason))
         self.servo.forget()
         self._set(mode=Mode.HOLD, entered=self.time, activity=Resting(), target=None, tuning=None, failure=reason)
         return ControlStep(time, Mode.HOLD, Event.FAULT, command, self.state.opening, self.ranking, None, reason)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.checks import Positive, require
+from optsc.control.loop_time import LoopTime
 from optsc.control.servo_settings import ServoSettings
 from optsc.control.state import Numbers, ServoSnapshot, ServoState
 from optsc.control.status import Command, Status, error_text
@@ -102,7 +103,7 @@ class Servo:
     def reset_configuration(self, q: ArrayLike) -> None:
         """Go on from configuration ``q`` (n,) [rad], at rest, without turning back the clock; raise `InvalidValue`."""
         self.guard.reset(self.robot.checked(q))
-        self.state = ServoState(self.state.ticks)
+        self.state = ServoState(self.state.ticks, loop=self.state.loop)
 
     def prefer(self, q: ArrayLike) -> None:
         """Let spare motion go to configuration ``q`` (n,) [rad] from now on; raise `InvalidValue`."""
@@ -132,8 +133,15 @@ class Servo:
 
     @property
     def time(self) -> float:
-        """Time since the reset [s], counted in ticks."""
-        return self.state.ticks * self.period
+        """Time since the reset [s] at which the next tick begins: counted in ticks, or as the loop has said it."""
+        return self.state.loop.time(self.state.ticks, self.period)
+
+    def time_at(self, now: float | None) -> float:
+        """Return what `time` a tick would have that begins at ``now`` [s], on the clock that the loop tells."""
+        return self._begun(now).time(self.state.ticks, self.period)
+
+    def _begun(self, now: float | None) -> LoopTime:
+        return self.state.loop.begun(self.state.ticks, self.period, now)
 
     @property
     def X_WT(self) -> Pose:
@@ -149,27 +157,47 @@ class Servo:
         row = self.numbers.reference.tolist()
         return tuple(row[:3]), tuple(row[3:7])
 
-    def step(self, X_WT: Pose | None = None, stamp: float | None = None) -> Command:
+    def step(self, X_WT: Pose | None = None, stamp: float | None = None, now: float | None = None) -> Command:
         """Move one tick and return its command; never raises.
 
         Args:
             X_WT: a new target, or None when there is none at this tick: the last one is predicted on until it is
                 older than the time-out.
             stamp: when the target was sampled [s], on the clock of `time`; now by default.
+            now: what time it is [s], on a clock of any origin that does not go back; one period after the last tick by
+                default. Targets are where the hand is at that time, also after late or missed ticks, while the command
+                moves by one period whatever it is.
 
         A tick that fails, in a solver for example, is taken back and becomes one of coming to rest; its status is
         `UNSOLVED`, its reason the error.
         """
         # A tick changes neither limits nor obstacles, so that this is the whole of a snapshot.
+        self.begin(now)
         numbers, state, limits = self.numbers.block.copy(), self.state, self.guard.limits
         try:
-            return self.tick(X_WT, stamp)
+            return self.timed(self.tick(X_WT, stamp))
         except Exception as error:  # noqa: BLE001 - whatever a solver or an obstacle raises, the arm must stop
             self._back_to(numbers, state, limits)
-            return self.halt(error_text(error))
+            return self.timed(self.halt(error_text(error)))
         except BaseException:
             self._back_to(numbers, state, limits)
             raise
+
+    def begin(self, now: float | None) -> None:
+        """Begin a tick at the time ``now`` [s], see `step`; for callers of `tick`, `track` and `stop`."""
+        loop = self._begun(now)
+        if loop is not self.state.loop:
+            self.state = self.state._replace(loop=loop)
+
+    def timed(self, command: Command) -> Command:
+        """Return the command of a tick with how late it came, where the loop says what time it is."""
+        loop = self.state.loop
+        if loop.zero is None:
+            return command
+        status, reason = command.status, command.reason
+        if status is Status.FOLLOWING and loop.lateness:
+            status, reason = Status.LATE, loop.lateness
+        return command._replace(status=status, reason=reason, late=loop.late, missing=loop.missing)
 
     def tick(self, X_WT: Pose | None = None, stamp: float | None = None) -> Command:
         """Move one tick like `step`, for callers that take a failed tick back themselves: what fails, raises."""
@@ -200,17 +228,17 @@ class Servo:
 
     def observe(self, p: Vector, q: Quaternion, stamp: float) -> None:
         """Take in a target sampled at ``stamp`` [s]; finite and unit is the caller's promise."""
-        ticks, track, stopped = self.state
+        ticks, track, stopped, loop = self.state
         if track is None:
             track = prediction.at_rest(p, q, stamp)
         else:
             track = prediction.updated(self.settings.prediction, track, p, q, stamp)
-        self.state = ServoState(ticks, track, stopped)
+        self.state = ServoState(ticks, track, stopped, loop)
 
     def forget(self) -> None:
         """Drop the stream of targets: the next one starts a new track, at rest."""
-        ticks, _, stopped = self.state
-        self.state = ServoState(ticks, None, stopped)
+        ticks, _, stopped, loop = self.state
+        self.state = ServoState(ticks, None, stopped, loop)
 
     def track(
         self, p: Vector, q: Quaternion, v: Vector = REST, w: Vector = REST, a: Vector = REST, b: Vector = REST
@@ -232,9 +260,9 @@ class Servo:
 
     def _start(self) -> None:
         """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""
-        ticks, track, _ = self.state
+        ticks, track, _, loop = self.state
         self._tracking.start()
-        self.state = ServoState(ticks, track, False)
+        self.state = ServoState(ticks, track, False, loop)
 
     def _follow(self, elapsed: float, led: float) -> Command:
         """Move one tick towards the target that tracking has been given, see `Tracking.step`."""
@@ -243,8 +271,8 @@ class Servo:
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
         state = self.guard.advance(velocity)
-        ticks, track, stopped = self.state
-        self.state = ServoState(ticks + 1, track, stopped)
+        ticks, track, stopped, loop = self.state
+        self.state = ServoState(ticks + 1, track, stopped, loop)
         self.spent = perf_counter() - start
         return Command(*state, *verdict, step.error, step.volume, step.iterations, step.slack, self.guard.outside)
 
@@ -259,8 +287,8 @@ class Servo:
     def _come_to_rest(self, velocity: Array, status: Status, reason: str, start: float) -> Command:
         """Move one tick to ``velocity`` (n,), with which the arm comes to rest, and be stopped."""
         state = self.guard.advance(velocity)
-        ticks, track, _ = self.state
-        self.state = ServoState(ticks + 1, track, True)
+        ticks, track, _, loop = self.state
+        self.state = ServoState(ticks + 1, track, True, loop)
         self.spent = perf_counter() - start
         if status is Status.HOLDING and state.v.any():
             status = Status.STOPPING

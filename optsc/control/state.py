@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optsc.control.loop_time import LoopTime
 from optsc.geometry.rotation import Array
 from optsc.operators.prediction import Track
 from optsc.robot import JointLimits
@@ -45,11 +46,13 @@ class ServoState(NamedTuple):
         ticks: how many there were since the reset.
         track: estimate of the target's motion; None before there is a target.
         stopped: whether the tool is led nowhere: the next target starts a new reference, from where the arm is.
+        loop: what time it is, and how late the loop is.
     """
 
     ticks: int = 0
     track: Track | None = None
     stopped: bool = True
+    loop: LoopTime = LoopTime()
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -27,6 +27,7 @@ class Status(Enum):
     SINGULAR = "near a singularity"
     UNREACHABLE = "the target is out of reach"
     STALE = "no new target for too long"
+    LATE = "the loop is late"
     INVALID = "the target was refused"
     STOPPING = "coming to rest"
     HOLDING = "at rest"
@@ -45,6 +46,8 @@ class Command(NamedTuple):
         iterations: of the solver.
         slack: how far the velocities had to miss the rows of collision avoidance [m/s]; zero while none had to give.
         outside: how far the joint furthest beyond its position limits is beyond them [rad]; zero when all are inside.
+        late: by how much the tick came later than one period after the one before [s], where the loop says the time.
+        missing: by how much the ticks so far have moved the command less than time has passed [s], likewise.
     """
 
     q: Array
@@ -57,6 +60,8 @@ class Command(NamedTuple):
     iterations: int
     slack: float = 0.0
     outside: float = 0.0
+    late: float = 0.0
+    missing: float = 0.0
 
 
 def error_text(error: Exception) -> str:
