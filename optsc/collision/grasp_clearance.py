@@ -27,11 +27,11 @@ class GraspClearance:
 
     def __call__(self, q_grasp: Array, q_pregrasp: Array, candidates: Candidates) -> np.ndarray:
         """Return which rows (R,) are clear."""
-        count = len(q_grasp)
         targets = [candidates.object_names[k] for k in candidates.object_index.tolist()]
-        both = np.concatenate([q_pregrasp, q_grasp])
-        clear = self.scene.clear(both, hand_may_touch=[*[None] * count, *targets]).clear
-        return clear[:count] & clear[count:]
+        clear = self.scene.clear(q_pregrasp).clear
+        rest = np.flatnonzero(clear)  # a row that touches something already needs no second look
+        clear[rest] = self.scene.clear(q_grasp[rest], hand_may_touch=[targets[k] for k in rest]).clear
+        return clear
 
     def distances(self, q: Array, hand_may_touch: np.ndarray | None = None) -> Array:
         """Return the clearances (R,) of configurations (R, n) [m], at most `optsc.collision.clearance.HORIZON`.

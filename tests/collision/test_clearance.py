@@ -7,12 +7,13 @@ import numpy as np
 import pinocchio
 import pytest
 
-from optsc.collision import CollisionModel
+from optsc.collision import CollisionModel, GraspClearance
 from optsc.collision.capsules import link_capsules
 from optsc.collision.clearance import HORIZON, SAFE, level, level_ends, self_pairs
 from optsc.collision.kernels.capsules import capsule_ends
 from optsc.collision.kernels.clearance import between_capsules, to_box
 from optsc.geometry import Pose, TriangleMesh, rotation
+from optsc.grasps import Candidates
 from optsc.kernels import compiler
 from optsc.robot import ROBOT_NAMES, load_robot
 
@@ -232,3 +233,17 @@ def test_interpreted_clearances_equal_compiled_ones(monkeypatch):
     for a, b in zip(compiled, interpreted.capsules.measure(q), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-14)
     assert np.array_equal(interpreted.clear(q).clear, scene_of("panda").clear(q).clear)
+
+
+def test_a_grasp_is_clear_where_both_its_configurations_are_and_without_grasps_nothing_is():
+    robot, scene, names = load_robot("panda"), scene_of("panda"), tuple(BLOCKS)
+    q = robot.random_configuration(np.random.default_rng(3), (2, 60))
+    index = np.arange(60) % len(names)
+    opening, numbers = np.full(60, 0.04), np.arange(60)
+    candidates = Candidates(names, index, numbers, robot.forward(q[0]), opening, np.ones(60), False)
+    at_grasp = scene.clear(q[0], hand_may_touch=[names[k] for k in index]).clear
+    at_pregrasp = scene.clear(q[1]).clear
+    assert 0 < np.count_nonzero(at_grasp & at_pregrasp) < np.count_nonzero(at_pregrasp) < 60
+    clear = GraspClearance(scene)
+    np.testing.assert_array_equal(clear(q[0], q[1], candidates), at_grasp & at_pregrasp)
+    assert clear(q[0, :0], q[1, :0], candidates.select(numbers[:0])).shape == (0,)

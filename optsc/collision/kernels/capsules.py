@@ -45,15 +45,18 @@ class LinkCapsules:
         return np.flatnonzero(self.joint >= 0).tolist()
 
 
-def capsule_ends(chain: Chain, capsules: LinkCapsules) -> casadi.Function:
-    """Return the function q (n,) -> ends (6, C) of the capsules' segments in W [m]."""
+def capsule_ends(chain: Chain, *sets: LinkCapsules) -> casadi.Function:
+    """Return the function q (n,) -> ends (6, C) of the capsules' segments in W [m], for each of some sets of them."""
     q = casadi.SX.sym("q", chain.n)
     frames = joint_frames(chain, q)
-    columns = []
-    for joint, ends in zip(capsules.joint.tolist(), capsules.ends, strict=True):
-        R, p = (casadi.SX.eye(3), casadi.SX(3, 1)) if joint < 0 else frames[joint][:2]
-        columns.append(casadi.vertcat(*(p + R @ casadi.DM(end) for end in ends)))
-    return casadi.Function("capsule_ends", [q], [casadi.densify(casadi.horzcat(*columns))])
+    outputs = []
+    for capsules in sets:
+        columns = []
+        for joint, ends in zip(capsules.joint.tolist(), capsules.ends, strict=True):
+            R, p = (casadi.SX.eye(3), casadi.SX(3, 1)) if joint < 0 else frames[joint][:2]
+            columns.append(casadi.vertcat(*(p + R @ casadi.DM(end) for end in ends)))
+        outputs.append(casadi.densify(casadi.horzcat(*columns)))
+    return casadi.Function("capsule_ends", [q], outputs)
 
 
 def norm(x: casadi.SX) -> casadi.SX:

@@ -38,8 +38,8 @@ def between_capsules() -> casadi.Function:
 
 
 def _if_near(distance: casadi.Function, **sizes: int) -> casadi.Function:
-    """Return (near, *inputs, horizon) -> distance where it is near, and the horizon at most, else the horizon."""
-    inputs = symbols(casadi.MX, **sizes, horizon=1)
+    """Return (near, *inputs, least) -> the distance where it is near and less than ``least``, else ``least``."""
+    inputs = symbols(casadi.MX, **sizes, least=1)
     least = casadi.fmin(distance(*inputs[:-1]), inputs[-1])
     return only_if(casadi.Function(distance.name(), inputs, [least]), inputs, inputs[-1:])
 
@@ -59,28 +59,44 @@ def to_box() -> casadi.Function:
 
 
 def _near(count: int) -> casadi.Function:
-    """(ends (6, count), sizes (2, count), box, horizon) -> which capsules may be nearer to the box than the horizon."""
-    inputs = symbols(casadi.SX, ends=(6, count), size=(2, count), box=BOX, horizon=1)
-    ends, size, box, horizon = inputs
+    """(ends (6, count), radii (1, count), box, horizon) -> which capsules may be nearer than the horizon, whether any.
+
+    In the box's axes a segment lies in the box of its two ends.
+    """
+    inputs = symbols(casadi.SX, ends=(6, count), radius=(1, count), box=BOX, horizon=1)
+    ends, radius, box, horizon = inputs
     R, flags = casadi.reshape(box[:9], 3, 3), []
     for k in range(count):
-        local = R.T @ (0.5 * (ends[:3, k] + ends[3:, k]) - box[9:12])
-        outside = casadi.fmax(casadi.fabs(local) - box[12:15], 0.0)
-        flags.append(casadi.dot(outside, outside) < (size[1, k] + horizon) ** 2)
-    return casadi.Function("near", inputs, [casadi.densify(casadi.horzcat(*flags))])
+        middle = R.T @ (0.5 * (ends[:3, k] + ends[3:, k]) - box[9:12])
+        half = casadi.fabs(R.T @ (0.5 * (ends[3:, k] - ends[:3, k])))
+        outside = casadi.fmax(casadi.fabs(middle) - half - box[12:15], 0.0)
+        flags.append(casadi.dot(outside, outside) < (radius[k] + horizon) ** 2)
+    return casadi.Function("near", inputs, _flags(flags))
 
 
-def _self_clearance(
-    chain: Chain, links: LinkCapsules, pairs: Sequence[tuple[int, int]], q: casadi.MX, horizon: casadi.MX
-) -> casadi.MX:
+def _flags(flags: Sequence[casadi.SX]) -> list[casadi.SX]:
+    """Return flags (1, count) side by side, and whether any is set."""
+    some = casadi.SX(0)
+    for flag in flags:
+        some = casadi.logic_or(some, flag)
+    return [casadi.densify(casadi.horzcat(*flags)), some]
+
+
+def _self_clearance(links: LinkCapsules, pairs: Sequence[tuple[int, int]]) -> casadi.Function:
+    """(ends (6, C), horizon) -> least distance of the pairs, and the horizon at most."""
+    inputs = symbols(casadi.MX, ends=(6, len(links.link)), horizon=1)
+    ends, horizon = inputs
     if not pairs:
-        return horizon
-    ends = capsule_ends(chain, links)(q)
-    first, second = [a for a, _ in pairs], [b for _, b in pairs]
-    radii = casadi.MX(casadi.DM(links.radius[first] + links.radius[second]).T)
-    near = _near_pairs(links, pairs)(ends, horizon)
-    each = _if_near(between_capsules(), first=6, second=6, radii=1).map("self_pairs", "serial", len(pairs), [4], [])
-    return casadi.mmin(each(near, ends[:, first], ends[:, second], radii, horizon))
+        return casadi.Function("no_pairs", inputs, [horizon])
+    near, any_near = _near_pairs(links, pairs)(ends, horizon)
+    flags, least = casadi.MX.sym("near", 1, len(pairs)), horizon
+    each = _if_near(between_capsules(), first=6, second=6, radii=1)
+    # One call after another: a map would copy what its calls have in common.
+    for k, (a, b) in enumerate(pairs):
+        least = each(flags[k], ends[:, a], ends[:, b], float(links.radius[a] + links.radius[b]), least)
+    exact = casadi.Function("least_of_pairs", [ends, horizon, flags], [least])
+    found = only_if(exact, [ends, horizon, flags], [horizon])(any_near, ends, horizon, near)
+    return casadi.Function("self_clearance", inputs, [found])
 
 
 def _balls(capsules: LinkCapsules) -> list[tuple[list[int], float]]:
@@ -95,7 +111,7 @@ def _balls(capsules: LinkCapsules) -> list[tuple[list[int], float]]:
 
 
 def _near_pairs(capsules: LinkCapsules, pairs: Sequence[tuple[int, int]]) -> casadi.Function:
-    """(ends (6, C), horizon) -> which of the pairs may be nearer than the horizon (1, P).
+    """(ends (6, C), horizon) -> which of the pairs may be nearer than the horizon (1, P), whether any is.
 
     The second capsule is taken together with all that is fixed to it, as one ball.
     """
@@ -111,25 +127,28 @@ def _near_pairs(capsules: LinkCapsules, pairs: Sequence[tuple[int, int]]) -> cas
             reach = radius + capsules.radius[a] + horizon
             known[a, fixed[0]] = casadi.dot(offset, offset) < reach * reach
         flags.append(known[a, fixed[0]])
-    return casadi.Function("near_pairs", inputs, [casadi.densify(casadi.horzcat(*flags))])
+    return casadi.Function("near_pairs", inputs, _flags(flags))
 
 
 def _over_capsules(count: int) -> casadi.Function:
-    """(ends, sizes, box, horizon) -> least distance of the capsules from a box."""
-    inputs = symbols(casadi.MX, ends=(6, count), size=(2, count), box=BOX, horizon=1)
-    ends, size, box, horizon = inputs
-    near = _near(count)(*inputs)
-    each = _if_near(to_box(), ends=6, radius=1, box=BOX).map("capsules", "serial", count, [3, 4], [])
-    least = casadi.mmin(each(near, ends, size[0, :], box, horizon))
+    """(ends, radii, box, horizon) -> least distance of the capsules from a box."""
+    inputs = symbols(casadi.MX, ends=(6, count), radius=(1, count), box=BOX, horizon=1)
+    ends, radius, box, horizon = inputs
+    near, any_near = _near(count)(*inputs)
+    flags, least = casadi.MX.sym("near", 1, count), horizon
+    each = _if_near(to_box(), ends=6, radius=1, box=BOX)
+    for k in range(count):
+        least = each(flags[k], ends[:, k], radius[k], box, least)
+    exact = casadi.Function("least", [*inputs, flags], [least])
     # Most boxes are far from all capsules.
-    found = only_if(casadi.Function("least", inputs, [least]), inputs, [horizon])(casadi.mmax(near), *inputs)
+    found = only_if(exact, [*inputs, flags], [horizon])(any_near, *inputs, near)
     return casadi.Function("over_capsules", inputs, [found])
 
 
-def _to_boxes(ends: casadi.MX, size: casadi.DM, boxes: casadi.MX, horizon: casadi.MX) -> casadi.MX:
+def _to_boxes(ends: casadi.MX, radius: casadi.DM, boxes: casadi.MX, horizon: casadi.MX) -> casadi.MX:
     """Return the least distance (1, B) of capsules from each box."""
     over = _over_capsules(ends.shape[1])
-    return over.map("boxes", "serial", boxes.shape[1], [0, 1, 3], [])(ends, casadi.MX(size), boxes, horizon)
+    return casadi.horzcat(*(over(ends, radius, boxes[:, k], horizon) for k in range(boxes.shape[1])))
 
 
 def clearance(
@@ -157,18 +176,17 @@ def clearance(
     """
     inputs = symbols(casadi.MX, q=chain.n, horizon=1, height=1, boxes=(BOX, boxes))
     q, horizon, height, box = inputs
-    placed = capsule_ends(chain, hulls)(q)
-    size = np.stack([hulls.radius, hulls.radius + 0.5 * hulls.length])
+    own, placed = capsule_ends(chain, links, hulls)(q)
     moving = hulls.moving
     table = horizon
     if over_table:
         lowest = [placed[2 + 3 * end, k] - float(hulls.radius[k]) for k, end in over_table]
         table = casadi.fmin(casadi.mmin(casadi.vertcat(*lowest)) - height, horizon)
-    parts = [_self_clearance(chain, links, some, q, horizon) for some in (pairs, close_pairs)]
+    parts = [_self_clearance(links, some)(own, horizon) for some in (pairs, close_pairs)]
     parts.append(table)
     for wanted in (False, True):
         some = [k for k in moving if bool(hulls.hand[k]) is wanted]
         far = casadi.repmat(horizon, 1, boxes)
-        parts.append((_to_boxes(placed[:, some], casadi.DM(size[:, some]), box, horizon) if some else far).T)
+        parts.append((_to_boxes(placed[:, some], casadi.DM(hulls.radius[some]).T, box, horizon) if some else far).T)
     out = casadi.densify(casadi.vertcat(*parts))
     return casadi.Function("clearance", inputs, [out])
