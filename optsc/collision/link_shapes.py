@@ -38,6 +38,10 @@ class LinkShapes:
         kind, words = pinocchio.GeometryType.COLLISION, "collision geometry"
         if visual:
             kind, words = pinocchio.GeometryType.VISUAL, "visual geometry"
+        lost = [mesh for mesh in robot.missing_meshes if mesh.kind == "collision"]
+        if lost and not visual:
+            more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
+            raise DamagedFile(robot.urdf, f"{lost[0]}{more}; say where its package is by packages=")
         try:
             model = self.model = pinocchio.buildModelFromUrdf(path)
             self.geometry = pinocchio.buildGeomFromUrdf(model, path, kind)

@@ -5,7 +5,7 @@ Nothing is downloaded: descriptions come from the wheels of example-robot-data a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import pi, radians
 from pathlib import Path
@@ -13,11 +13,15 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from optsc.errors import InvalidValue, UnknownName
+from optsc.geometry import Pose
 from optsc.robot import urdf
+from optsc.robot.description import Packages, read_description
 from optsc.robot.gripper import PANDA_HAND, Gripper
 from optsc.robot.model import RobotModel, model_from_urdf
 
 _ROBOTS = ("example-robot-data", "robots")
+_TOOL_FRAME = "panda_hand_tcp"
+"""Frame between the pads of the hand that the catalogue's arms carry."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,15 +113,9 @@ ROBOT_NAMES: tuple[str, ...] = tuple(sorted(_ARMS))
 
 
 def _composed(name: str, arm: _CatalogueEntry) -> Path:
-    panda = _PANDA.description()
-    share = urdf.example_robot_data()
-    hand_root = urdf.with_absolute_meshes(urdf.read_urdf(panda), panda.parent, share)
-    source = arm.description()
-    root = urdf.with_absolute_meshes(urdf.read_urdf(source), source.parent, share)
-    # Soft limits repeat the hard ones, and some readers take an absent soft limit for zero.
-    root = urdf.without(root, "safety_controller")
+    root = read_description(arm.description()).root
     if arm.flange is not None:
-        hand = urdf.subtree(hand_root, "panda_hand")
+        hand = urdf.subtree(read_description(_PANDA.description()).root, "panda_hand")
         root = urdf.attach(root, arm.flange, hand, xyz=arm.flange_xyz, rpy=arm.flange_rpy)
     return urdf.store(root, name)
 
@@ -129,36 +127,52 @@ def load_robot(
     gripper: Gripper | None = None,
     home: ArrayLike | None = None,
     limits: dict[str, ArrayLike] | None = None,
+    packages: Packages = (),
+    locked: Mapping[str, float] | None = None,
+    base: Pose | None = None,
+    tool: Pose | None = None,
 ) -> RobotModel:
     """Return an arm of the catalogue (see `ROBOT_NAMES`), or the one of a URDF file.
 
     Args:
         name_or_urdf: a catalogue name, or the path of a URDF file.
         tip: the tool frame T; needed for a file, by default the gripper's for the catalogue.
-        gripper: the jaws at the tip of a URDF file's arm.
+        gripper: the jaws at the tip of a URDF file's arm, or at another tip of the catalogue's; by default the
+            catalogue's arms have their own hand at their own tip, and none at another.
         home: a configuration (n,) [rad] in place of the catalogue's.
         limits: limits that replace the catalogue's or the file's, see `model_from_urdf`; for example tighter
             operational limits.
+        packages: where the packages are that a file's ``package://`` names mean, see `optsc.robot.description`.
+        locked: joints that stand still, and where [rad or m]: a second arm, a torso, a joint that is out of order.
+        base: where the base stands, X_WB; by default at the origin of W.
+        tool: X_FT, pose of the tool in the frame ``tip``; by default they are one.
 
     Raises:
-        UnknownName: no such robot or frame; the message lists those there are.
+        UnknownName: no such robot, frame, joint to lock or kind of limit; the message lists those there are.
         InvalidValue: no tip given for a file, or impossible limits.
         DamagedFile: the file cannot be read.
     """
     name = str(name_or_urdf)
     if name in _ARMS:
         arm = _ARMS[name]
+        # The hand's jaws are where they are in its own frame; from any other frame they would be seen elsewhere.
+        between_pads = tip in (None, _TOOL_FRAME) and tool is None
         return model_from_urdf(
             _composed(name, arm),
-            tip or "panda_hand_tcp",
+            tip or _TOOL_FRAME,
             name=name,
-            gripper=gripper or PANDA_HAND,
+            gripper=PANDA_HAND if gripper is None and between_pads else gripper,
             home=arm.home if home is None else home,
             limits={**arm.limits, **(limits or {})},
             sources=arm.sources,
+            locked=locked,
+            base=base,
+            tool=tool,
         )
     if not name.endswith((".urdf", ".xml")) and not Path(name).exists():
         raise UnknownName("robot", name, ROBOT_NAMES)
     if tip is None:
         raise InvalidValue("tip", tip, "the name of the tool frame in the URDF file")
-    return model_from_urdf(name, tip, gripper=gripper, home=home, limits=limits)
+    return model_from_urdf(
+        name, tip, gripper=gripper, home=home, limits=limits, packages=packages, locked=locked, base=base, tool=tool
+    )

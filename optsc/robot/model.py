@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,9 +19,19 @@ from optsc.errors import DamagedFile, InvalidValue, UnknownName
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.kernels.chain import Chain
+from optsc.robot.description import (
+    MissingMesh,
+    Packages,
+    chain_to,
+    check_chain,
+    read_description,
+    with_base,
+    with_locked,
+    with_tool,
+)
 from optsc.robot.gripper import Gripper
 from optsc.robot.limits import JointLimits
-from optsc.robot.urdf import read_urdf
+from optsc.robot.urdf import read_urdf, store
 
 ACCELERATION_TIME = 0.2
 """Where nobody states an acceleration limit: the time [s] from rest to the velocity limit (tuned here)."""
@@ -41,6 +52,7 @@ class RobotModel:
         home: a configuration (n,) [rad] inside the limits.
         gripper: the parallel jaws at the tip, if any.
         sources: where each limit comes from, in words.
+        missing_meshes: those of the description that were not found.
     """
 
     name: str
@@ -51,6 +63,7 @@ class RobotModel:
     home: Array
     gripper: Gripper | None = None
     sources: dict[str, str] = field(default_factory=dict)
+    missing_meshes: tuple[MissingMesh, ...] = ()
 
     @property
     def n(self) -> int:
@@ -65,7 +78,7 @@ class RobotModel:
     @cached_property
     def tip_id(self) -> int:
         """Index of the tool frame in `model`."""
-        return self.model.getFrameId(self.tip)
+        return _frame_id(self.model, self.tip)
 
     @cached_property
     def chain(self) -> Chain:
@@ -133,6 +146,12 @@ def _axis_of(model: Any, index: int) -> tuple[Array, bool]:
     return (linear, True) if np.any(linear) else (angular, False)
 
 
+LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")
+"""Kinds of joint limits."""
+LARGEST_ANGLE = 1e2
+"""Largest position limit of a turning joint [rad]: beyond it a number is meant in degrees."""
+
+
 def _with_revolute_joints(root: Element) -> tuple[Element, set[str]]:
     """Replace continuous joints by revolute ones: one number per joint, so that q and its rate have one shape."""
     root, names = copy.deepcopy(root), set()
@@ -150,7 +169,7 @@ def _with_revolute_joints(root: Element) -> tuple[Element, set[str]]:
 
 def _reduced(model: Any, tip: str, gripper: Gripper | None) -> Any:
     """Lock every joint that does not move the tip; the gripper's own stand open."""
-    frame = model.frames[model.getFrameId(tip)]
+    frame = model.frames[_frame_id(model, tip)]
     arm = set(model.supports[frame.parentJoint])
     locked = [i for i in range(1, model.njoints) if i not in arm]
     q = np.clip(pinocchio.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
@@ -158,6 +177,31 @@ def _reduced(model: Any, tip: str, gripper: Gripper | None) -> Any:
         if gripper is not None and model.names[i] in gripper.finger_joints:
             q[model.joints[i].idx_q] = 0.5 * gripper.max_opening
     return pinocchio.buildReducedModel(model, locked, q) if locked else model
+
+
+def _check_overrides(overrides: Mapping[str, ArrayLike], model: Any) -> None:
+    """Raise for limits of an unknown kind or another number, and for angles that must have been meant in degrees."""
+    for name, value in overrides.items():
+        if name not in LIMITS:
+            raise UnknownName("kind of limit", name, LIMITS)
+        values = np.asarray(value, dtype=float)
+        if values.shape != (model.nv,):
+            joints = ", ".join(list(model.names)[1:])
+            raise InvalidValue(f"limits[{name!r}]", values.tolist(), f"shape ({model.nv},), for {joints}")
+        if name not in ("lower", "upper", "velocity"):
+            continue
+        turning = np.array([_axis_of(model, i)[1] is False for i in range(1, model.njoints)])
+        too_large = turning & np.isfinite(values) & (np.abs(values) > LARGEST_ANGLE)
+        if too_large.any():
+            joint = list(model.names)[1 + int(np.argmax(too_large))]
+            valid = "in radians; this looks like degrees"
+            raise InvalidValue(f"limits[{name!r}] of {joint}", float(values[np.argmax(too_large)]), valid)
+
+
+def _frame_id(model: Any, name: str) -> int:
+    """Return the index of a frame; where a link and a joint have one name, that of the link."""
+    links = [i for i, f in enumerate(model.frames) if f.name == name and f.type == pinocchio.FrameType.BODY]
+    return links[0] if links else next(i for i, f in enumerate(model.frames) if f.name == name)
 
 
 def _limits_of(model: Any, continuous: set[str], overrides: dict[str, ArrayLike]) -> JointLimits:
@@ -182,26 +226,48 @@ def model_from_urdf(
     home: ArrayLike | None = None,
     limits: dict[str, ArrayLike] | None = None,
     sources: dict[str, str] | None = None,
+    packages: Packages = (),
+    locked: Mapping[str, float] | None = None,
+    base: Pose | None = None,
+    tool: Pose | None = None,
 ) -> RobotModel:
     """Return the arm that moves the frame ``tip`` of a URDF file.
 
     Args:
-        path: the description. Its root link is the world frame W.
-        tip: the tool frame T.
+        path: the description. Its root link is the world frame W, where ``base`` is not given.
+        tip: the tool frame T, or the one that ``tool`` starts from.
         name: what to call it; by default the description's own name.
         gripper: the jaws at the tip, if any.
         home: a configuration (n,) [rad]; by default the middle of the limits.
         limits: ``lower``, ``upper``, ``velocity``, ``acceleration``, ``jerk`` (n,) that replace the file's. Where
             nobody states them, acceleration and jerk follow from `ACCELERATION_TIME` and `JERK_TIME`.
         sources: where the limits come from, in words.
+        packages: where the packages are that ``package://`` names of meshes mean, see `optsc.robot.description`.
+        locked: joints that stand still, and where [rad or m].
+        base: where the base stands, X_WB.
+        tool: X_FT, the tool in the frame ``tip``.
 
     Raises:
         DamagedFile: the file is missing or no robot description.
-        UnknownName: it has no frame ``tip``.
-        InvalidValue: a limit is missing or impossible, or ``home`` lies outside them.
+        UnknownName: it has no frame ``tip``, no joint to lock of that name, or there is no such kind of limit.
+        InvalidValue: a limit is missing or impossible, ``home`` lies outside them, or the arm has a joint that none
+            can have, such as one that mimics another.
     """
     path = Path(path)
-    root, continuous = _with_revolute_joints(read_urdf(path))
+    description = read_description(path, packages)
+    original, root = description.root, description.root
+    if locked:
+        root = with_locked(root, locked)
+    if tool is not None:
+        root, tip = with_tool(root, tip, tool)
+    if base is not None:
+        root = with_base(root, base)
+    check_chain(chain_to(root, tip), tuple(limits or ()))
+    if root is not original or not _same_text(root, path):
+        urdf = store(root, name or root.get("name") or path.stem)
+    else:
+        urdf = path
+    root, continuous = _with_revolute_joints(root)
     try:
         full = pinocchio.buildModelFromXML(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:
@@ -214,6 +280,7 @@ def model_from_urdf(
         raise InvalidValue(
             "joints between the root and " + tip, model.nv, "at least one, each of one degree of freedom"
         )
+    _check_overrides(limits or {}, model)
     joint_limits = _limits_of(model, continuous, dict(limits or {}))
     configuration = np.array(np.mean(joint_limits.sampling, axis=0) if home is None else home, dtype=float)
     if configuration.shape != (model.nv,) or not np.all(joint_limits.clip(configuration) == configuration):
@@ -221,11 +288,17 @@ def model_from_urdf(
     configuration.flags.writeable = False
     return RobotModel(
         name=name or root.get("name") or path.stem,
-        urdf=path,
+        urdf=urdf,
         tip=tip,
         model=model,
         limits=joint_limits,
         home=configuration,
         gripper=gripper,
         sources=dict(sources or {}),
+        missing_meshes=description.missing,
     )
+
+
+def _same_text(root: Element, path: Path) -> bool:
+    """Tell whether a description says just what the file does."""
+    return ElementTree.tostring(root) == ElementTree.tostring(read_urdf(path))

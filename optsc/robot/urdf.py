@@ -1,21 +1,18 @@
-"""Reading and composing robot descriptions: an arm from one file, a hand from another.
-
-Only the standard library is used. What is written has absolute mesh paths, so that every program that
-reads URDF files finds the meshes without further settings.
-"""
+"""Reading, composing and storing URDF files: an arm from one file, a hand from another."""
 
 from __future__ import annotations
 
 import copy
 import hashlib
 import importlib.util
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from optsc.cache import cache_directory, write_atomically
-from optsc.errors import DamagedFile, InvalidValue, UnknownName
+from optsc.errors import DamagedFile, UnknownName
 
 
 def read_urdf(path: str | Path) -> Element:
@@ -43,20 +40,6 @@ def example_robot_data(*parts: str) -> Path:
     """Return a path below the ``share`` folder of the example-robot-data wheel, which has no Python module."""
     share = package_folder("cmeel.prefix".partition(".")[0]).parent / "cmeel.prefix" / "share"
     return Path(share, *parts)
-
-
-def with_absolute_meshes(root: Element, folder: Path, package_root: Path | None = None) -> Element:
-    """Return a copy whose mesh file names are absolute; ``package://`` is looked up below ``package_root``."""
-    root = copy.deepcopy(root)
-    for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "")
-        if name.startswith("package://"):
-            if package_root is None:
-                raise InvalidValue("mesh file name", name, "relative to the URDF, or give package_root")
-            mesh.set("filename", str(package_root / name.removeprefix("package://")))
-        else:
-            mesh.set("filename", str((folder / name.removeprefix("file://")).resolve()))
-    return root
 
 
 def without(root: Element, *tags: str) -> Element:
@@ -113,7 +96,8 @@ def store(root: Element, name: str) -> Path:
     """Write a description into the per-user cache under a name that carries its content; return its path."""
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-    path = cache_directory("robots") / f"{name}-{hashlib.sha256(text).hexdigest()[:12]}.urdf"
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name)
+    path = cache_directory("robots") / f"{stem}-{hashlib.sha256(text).hexdigest()[:12]}.urdf"
     if not path.exists():
         write_atomically(path, text)
     return path

@@ -22,6 +22,7 @@ from optsc.errors import DamagedFile, InvalidValue
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.robot import PANDA_HAND, urdf
+from optsc.robot.description import read_description
 from optsc.sim.bullet_arm import couple, drive_jaws, prepare_pads
 from optsc.sim.bullet_bodies import add_object
 from optsc.sim.bullet_client import BulletClient, body_pose, bullet_pose
@@ -197,7 +198,7 @@ class _GraspTrial:
 def hand_description() -> tuple[Path, Pose]:
     """Return a URDF of the Panda's hand alone, and X_HT of its tool frame T in the hand's link H."""
     path = urdf.example_robot_data("example-robot-data", "robots", "panda_description", "urdf", "panda.urdf")
-    root = urdf.with_absolute_meshes(urdf.read_urdf(path), path.parent, urdf.example_robot_data())
+    root = read_description(path).root
     tool = root.find(f"joint[@name='{_TOOL}_joint']/origin")
     if tool is None:
         raise DamagedFile(path, f"has no joint {_TOOL}_joint with an origin")
