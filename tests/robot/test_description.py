@@ -237,5 +237,5 @@ def test_who_needs_a_missing_mesh_says_which_it_is(tmp_path):
     from optsc.collision.link_shapes import LinkShapes
 
     robot = load_robot(written(tmp_path, arm(mesh="package://lost/mesh.stl")), "l6")
-    with pytest.raises(DamagedFile, match="package://lost/mesh.stl of link l0.*and 6 more.*packages="):
+    with pytest.raises(DamagedFile, match=r"package://lost/mesh.stl of link l0.*and 6 more.*packages="):
         LinkShapes(robot)
