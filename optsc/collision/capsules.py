@@ -25,7 +25,7 @@ _BOX_FACES = np.array(
 )
 
 
-def _surface(shape: Any, name: str) -> Array:
+def surface(shape: Any, name: str) -> Array:
     """Return the surface of a collision shape as triangles (F, 3, 3) [m]; a round one as its bounding box."""
     if isinstance(shape, coal.BVHModelBase):
         vertices = np.asarray(shape.vertices())
@@ -67,7 +67,7 @@ def _bodies(robot: RobotModel) -> list[_Body]:
     found: dict[str, list[_Body]] = {}
     fingers: list[_Body] = []
     for k, shape in enumerate(all_shapes.shapes):
-        link, triangles = all_shapes.links[k], _surface(shape.geometry, shape.name)
+        link, triangles = all_shapes.links[k], surface(shape.geometry, shape.name)
         if k in all_shapes.jaws:
             swept = np.concatenate([shut[k].of(triangles), open_[k].of(triangles)])
             fingers.append(_Body(link, shut[k].joint, True, swept))

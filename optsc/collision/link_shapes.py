@@ -102,3 +102,15 @@ class LinkShapes:
         data, placed = self.model.createData(), geometry.createData()
         pinocchio.updateGeometryPlacements(self.model, data, geometry, placed, q)
         return data, placed
+
+
+def massless_links(robot: RobotModel) -> dict[int, str]:
+    """Return the moving bodies of the whole description that have no mass: joint of `LinkShapes`, and its link."""
+    model = pinocchio.buildModelFromUrdf(str(robot.urdf))
+    links = {}
+    for frame in model.frames:
+        if frame.type == pinocchio.FrameType.BODY and model.inertias[frame.parentJoint].mass < 1e-9:
+            # The first link at a joint is the one that it moves; others are fixed to that.
+            links.setdefault(frame.parentJoint, frame.name)
+    links.pop(0, None)
+    return links

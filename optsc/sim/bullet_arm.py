@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pybullet
@@ -10,11 +13,32 @@ import pybullet
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
-from optsc.sim.bullet_bodies import add_robot
+from optsc.robot.urdf import read_urdf
+from optsc.sim.link_inertia import LinkInertia, estimated_inertias, with_inertias
 from optsc.sim.settings import PhysicsSettings
 
 WITHOUT_LIMIT = 1000.0
 """Torque [N m] of a joint whose effort limit the description does not state."""
+
+
+def add_robot(client: int, robot: RobotModel, inertias: Mapping[str, LinkInertia], *, visible: bool = False) -> int:
+    """Put an arm with its base frame at W into the simulation ``client`` and return its body.
+
+    Its surfaces are read only if ``visible``: that takes a hundred times as long as all the rest.
+    Masses and inertias are the description's own, and where it has none ``inertias``. The order of links is left to
+    PyBullet: to keep the file's corrupts memory where the root comes last.
+    """
+    root = with_inertias(read_urdf(robot.urdf), inertias)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "robot.urdf")
+        ElementTree.ElementTree(root).write(path)
+        return pybullet.loadURDF(
+            str(path),
+            basePosition=[0.0, 0.0, 0.0],
+            useFixedBase=True,
+            flags=pybullet.URDF_USE_INERTIA_FROM_FILE | (0 if visible else pybullet.URDF_IGNORE_VISUAL_SHAPES),
+            physicsClientId=client,
+        )
 
 
 class BulletArm:
@@ -25,6 +49,7 @@ class BulletArm:
         link_names: by link index; the root has -1.
         bolted: indices of the links that no joint moves.
         fingers: indices of the two jaws' links; empty for an arm without a gripper.
+        estimated: masses that the description lacks, by link.
 
     Raises:
         InvalidValue: the description lacks a joint of the arm or of its jaws.
@@ -32,7 +57,8 @@ class BulletArm:
 
     def __init__(self, client: int, robot: RobotModel, settings: PhysicsSettings, *, visible: bool = False) -> None:
         self._client, self._robot, self._settings = client, robot, settings
-        self.body = add_robot(client, robot, visible=visible)
+        self.estimated = estimated_inertias(robot)
+        self.body = add_robot(client, robot, self.estimated, visible=visible)
         self._find_joints()
         self._set_limits()
         if self.fingers:

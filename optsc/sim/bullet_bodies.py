@@ -1,4 +1,4 @@
-"""PyBullet bodies of the table, the arm and the objects: shapes, mass properties, friction."""
+"""PyBullet bodies of the table and the objects: shapes, mass properties, friction."""
 
 from __future__ import annotations
 
@@ -8,15 +8,12 @@ from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 import pybullet
 
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.geometry.rotation import Array
-from optsc.robot import RobotModel
-from optsc.robot.urdf import read_urdf
 from optsc.sim.bullet_client import bullet_pose
 from optsc.sim.objects import ObjectModel
 
@@ -185,28 +182,3 @@ def add_table(client: int) -> tuple[int, ...]:
         pybullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=client)
         bodies.append(body)
     return tuple(bodies)
-
-
-def add_robot(client: int, robot: RobotModel, *, visible: bool = False) -> int:
-    """Put an arm with its base frame at W into the simulation ``client`` and return its body.
-
-    Its surfaces are read only if ``visible``: that takes a hundred times as long as all the rest.
-    Masses and inertias are the description's own. The order of links is left to PyBullet: to keep the file's
-    corrupts memory where the root comes last.
-    """
-    root = read_urdf(robot.urdf)
-    for link in root.findall("link"):
-        if link.find("inertial") is None:  # PyBullet would take 1 kg and 1 kg m^2
-            inertial = ElementTree.SubElement(link, "inertial")
-            ElementTree.SubElement(inertial, "mass", value="0")
-            ElementTree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "robot.urdf")
-        ElementTree.ElementTree(root).write(path)
-        return pybullet.loadURDF(
-            str(path),
-            basePosition=[0.0, 0.0, 0.0],
-            useFixedBase=True,
-            flags=pybullet.URDF_USE_INERTIA_FROM_FILE | (0 if visible else pybullet.URDF_IGNORE_VISUAL_SHAPES),
-            physicsClientId=client,
-        )

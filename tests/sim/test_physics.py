@@ -7,7 +7,8 @@ from optsc.errors import Closed, InvalidValue, UnknownName
 from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.robot import load_robot
 from optsc.sim import OBJECT_NAMES, ObjectModel, Tabletop, object_model, tabletop
-from optsc.sim.bullet_bodies import MARGIN, add_object, add_robot, inertia, shrunk
+from optsc.sim.bullet_arm import add_robot
+from optsc.sim.bullet_bodies import MARGIN, add_object, inertia, shrunk
 from optsc.sim.objects.solids import cuboid
 from optsc.sim.physics import Physics
 from optsc.sim.settings import GRAVITY, PhysicsSettings
@@ -115,7 +116,7 @@ def test_a_piece_thinner_than_the_margin_is_left_as_it_is():
 @pytest.mark.parametrize("name", ["ur5", "xarm7"])
 def test_the_arm_has_the_masses_of_its_description_also_where_a_link_has_none(client, name):
     robot = load_robot(name)
-    body = add_robot(client, robot)
+    body = add_robot(client, robot, {})
     model = pinocchio.buildModelFromUrdf(str(robot.urdf))
     values = dict(zip(robot.joint_names, robot.home, strict=True))
     q = np.array([values.get(joint, 0.02) for joint in list(model.names)[1:]])
