@@ -107,7 +107,7 @@ class LinkShapes:
 def massless_links(robot: RobotModel) -> dict[int, str]:
     """Return the moving bodies of the whole description that have no mass: joint of `LinkShapes`, and its link."""
     model = pinocchio.buildModelFromUrdf(str(robot.urdf))
-    links = {}
+    links: dict[int, str] = {}
     for frame in model.frames:
         if frame.type == pinocchio.FrameType.BODY and model.inertias[frame.parentJoint].mass < 1e-9:
             # The first link at a joint is the one that it moves; others are fixed to that.
