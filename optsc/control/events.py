@@ -71,7 +71,7 @@ def happening(parts: Parts, state: ControllerState, given: OperatorInput, measur
 
 def lag(servo: Servo, measured: FollowerState) -> float:
     """Return how far the joint furthest from its command is from it [rad]."""
-    return float(np.abs(measured.q - servo.guard.q).max())
+    return float(np.abs(servo.robot.difference(measured.q, servo.guard.q)).max())
 
 
 def leading_hand(state: ControllerState) -> Hand | None:

@@ -133,6 +133,12 @@ def chord(a: ArrayLike, b: ArrayLike) -> Array:
     return np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
 
 
+def wrapped(angle: ArrayLike) -> Array:
+    """Return angles (...) [rad] that are the same but for whole turns, in [-π, π]."""
+    angle = np.asarray(angle, dtype=float)
+    return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
+
+
 def angle(a: ArrayLike, b: ArrayLike) -> Array:
     """Return the angle [rad], in [0, pi], of the rotation from ``a`` to ``b``.
 

@@ -209,7 +209,7 @@ def _objective(robot: RobotModel, choice: str, measure: ManipulabilityMeasure | 
         raise UnknownName("choice", choice, CHOICES)
     if choice == "manipulability":
         return MostManipulable(robot, Manipulability() if measure is None else measure)
-    return NearestToSeed() if choice == "nearest" else None
+    return NearestToSeed(robot) if choice == "nearest" else None
 
 
 def solve_ik(

@@ -54,17 +54,18 @@ class Objective(Protocol):
 
 @dataclass(frozen=True)
 class NearestToSeed:
-    """Distance to the seed, √Σ (q - q_seed)²."""
+    """Distance to the seed, √Σ (q - q_seed)²; endless joints go the shorter way."""
 
+    robot: RobotModel
     step: float = 1.0
 
     def value(self, q: Array, seeds: Array) -> Array:
         """Return the distance (R,)."""
-        return np.linalg.norm(q - seeds, axis=1)
+        return np.linalg.norm(self.robot.difference(q, seeds), axis=1)
 
     def direction(self, q: Array, seeds: Array) -> Array:
         """Return the direction to the seed (R, n)."""
-        return seeds - q
+        return self.robot.difference(seeds, q)
 
 
 @dataclass(frozen=True)
@@ -92,17 +93,19 @@ class Configurations:
     """Up to K configurations of each of R poses.
 
     Attributes:
+        robot: the arm.
         q: (R, K, n).
         usable: (R, K) bool: the pose is met, and nothing touched where that was asked for.
         found: (R,) how many of them that meet the pose are different.
     """
 
+    robot: RobotModel
     q: Array
     usable: NDArray[np.bool_]
     found: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
-        apart = np.max(np.abs(self.q[:, :, None] - self.q[:, None]), axis=-1) > DISTINCT
+        apart = np.max(np.abs(self.robot.difference(self.q[:, :, None], self.q[:, None])), axis=-1) > DISTINCT
         earlier = np.tril(np.ones(apart.shape[1:], dtype=bool), -1)
         repeats = np.any(~apart & earlier & self.usable[:, None, :], axis=2)
         self.found = np.count_nonzero(self.usable & ~repeats, axis=1)
@@ -117,7 +120,8 @@ def collect(batch: PoseBatch, samples: int) -> Configurations:
     others.attempt(starts.reshape(-1, 1, batch.arm.n))
     shape = (len(starts), samples)
     q = np.concatenate([batch.q[:, None], others.q.reshape(*shape, -1)], axis=1)
-    return Configurations(q, np.concatenate([batch.success[:, None], others.success.reshape(shape)], axis=1))
+    usable = np.concatenate([batch.success[:, None], others.success.reshape(shape)], axis=1)
+    return Configurations(batch.arm.robot, q, usable)
 
 
 def choose(batch: PoseBatch, found: Configurations, objective: Objective | None) -> tuple[Array, NDArray[np.bool_]]:
@@ -153,7 +157,7 @@ def _nearest_on_the_surface(batch: PoseBatch, start: Array) -> tuple[Array, NDAr
     start = batch.arm.limits.clip(start)
     trial = PoseBatch(batch.arm, batch.targets, batch.seeds)
     trial.attempt(start[:, None])
-    near = np.max(np.abs(trial.q - start), axis=1) < LONGEST_RETURN
+    near = np.max(np.abs(batch.arm.robot.difference(trial.q, start)), axis=1) < LONGEST_RETURN
     return trial.q, np.logical_and(trial.success, near)
 
 
@@ -162,7 +166,7 @@ def _along_the_surface(batch: PoseBatch, q: Array, direction: Array) -> Array:
     size = np.max(np.abs(direction), axis=1, keepdims=True)
     small = np.minimum(1.0, PROBE / np.maximum(size, 1e-12))
     after, met = _nearest_on_the_surface(batch, q + small * direction)
-    return np.where(met[:, None], (after - q) / small, 0.0)
+    return np.where(met[:, None], batch.arm.robot.difference(after, q) / small, 0.0)
 
 
 def only_clear(found: Configurations, clear: Clear) -> None:

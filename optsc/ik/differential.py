@@ -19,7 +19,8 @@ in its own frame, so that a weight belongs to one degree of freedom of the tool:
       V = twist + min(k, sqrt(b / norm(e))) * e                     [m/s, rad/s]
 
 * w (6,) [1/m, 1/rad]: `position_weight` and `orientation_weight`, zero inside a dead band; w_p, k_p: `posture_weight`,
-  `posture_gain` towards the posture q_p; d, c: `damping`, `error_damping`; w_s, r: see `smoothness`.
+  `posture_gain` towards the posture q_p, of endless joints the shorter way; d, c:
+  `damping`, `error_damping`; w_s, r: see `smoothness`.
 * `shortened` cuts distance and angle to `largest_error`.
 * lowest, highest (n,): the viable interval of every joint, which comes from outside.
 * G (m, n), lower, upper, w_r: `Rows`, such as distances that must not fall faster; hard (s = 0) without a weight. There
@@ -172,7 +173,7 @@ class DifferentialIK:
 
     def __post_init__(self) -> None:
         require("period", self.period, Positive)
-        self._kernel = build_kernel(pose_task(self.robot.chain))
+        self._kernel = build_kernel(pose_task(self.robot.chain, self.robot.endless.tolist()))
         self._q, self._reference, self._twist, self._posture, self._onward, vector = self._kernel.inputs
         self._carried = smoothness(self.settings.smoothing, self.period)[1] * self.period
         vector[:] = self.settings.vector(self.robot.limits, self.period)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import pi
+
 import casadi
 
 from optsc.kernels import rotations
@@ -29,13 +32,14 @@ class PoseTaskSettings:
     SMOOTHNESS = 22
 
 
-def pose_task(chain: Chain) -> casadi.Function:
+def pose_task(chain: Chain, endless: Sequence[bool] = ()) -> casadi.Function:
     """Return the quadratic cost of one tick in the joint velocity.
 
     Inputs: q (n); reference (7) = p, quaternion of T in W; twist (6), linear over angular, in W; posture (n);
     onward (n), the joint velocity that goes on smoothly; settings
     (23), see `PoseTaskSettings`. Outputs: H (n, n) and g (n) of 1/2 v'Hv + g'v; pose error (6) beyond the
     tolerances, reference minus present, in T's axes [m, rad]; sqrt(det(J J')) or, below six joints, sqrt(det(J'J)).
+    ``endless`` joints go the shorter way to the posture.
     """
     n = chain.n
     size = PoseTaskSettings.SIZE
@@ -62,7 +66,7 @@ def pose_task(chain: Chain) -> casadi.Function:
     square = casadi.dot(weighted_error[0], weighted_error[0]) + casadi.dot(weighted_error[1], weighted_error[1])
     damping = s[PoseTaskSettings.DAMPING] + s[PoseTaskSettings.ERROR_DAMPING] * square
     H = weighted_J.T @ weighted_J + (posture_weight + damping) * casadi.SX.eye(n)
-    homeward = s[PoseTaskSettings.POSTURE_GAIN] * (posture - q)
+    homeward = s[PoseTaskSettings.POSTURE_GAIN] * _difference(posture, q, endless)
     smoothness = s[PoseTaskSettings.SMOOTHNESS]
     H = H + smoothness * casadi.SX.eye(n)
     g = -weighted_J.T @ (weight * wanted) - posture_weight * homeward - smoothness * onward
@@ -70,6 +74,15 @@ def pose_task(chain: Chain) -> casadi.Function:
     volume = casadi.sqrt(_determinant(gram))
     outputs = [casadi.densify(x) for x in (H, g, error, volume)]
     return casadi.Function("pose_task", inputs, outputs)
+
+
+def _difference(to: casadi.SX, start: casadi.SX, endless: Sequence[bool]) -> casadi.SX:
+    """Return how far each joint is from ``to`` (n); without whole turns of endless ones."""
+    gap = [to[i] - start[i] for i in range(to.numel())]
+    for i, turns in enumerate(endless):
+        if turns:
+            gap[i] = gap[i] - 2.0 * pi * casadi.floor(gap[i] / (2.0 * pi) + 0.5)
+    return casadi.vertcat(*gap)
 
 
 def _pull(error: casadi.SX, gain: casadi.SX, braking: casadi.SX) -> casadi.SX:

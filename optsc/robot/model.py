@@ -13,10 +13,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from optsc.errors import DamagedFile, InvalidValue, UnknownName
-from optsc.geometry import Pose
+from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.kernels.chain import Chain
 from optsc.robot.description import (
@@ -88,6 +88,22 @@ class RobotModel:
     @cached_property
     def _data(self) -> Any:
         return self.model.createData()
+
+    @cached_property
+    def endless(self) -> NDArray[np.bool_]:
+        """Which joints (n,) turn without position limits: whole turns of them are no difference."""
+        free = np.isinf(self.limits.lower) & np.isinf(self.limits.upper) & ~np.array(self.chain.slides)
+        free.flags.writeable = False
+        return free
+
+    @cached_property
+    def _any_endless(self) -> bool:
+        return bool(self.endless.any())
+
+    def difference(self, q_to: ArrayLike, q_from: ArrayLike) -> Array:
+        """Return how far each joint moves (..., n) [rad] from ``q_from`` to ``q_to``; endless ones the shorter way."""
+        gap = np.subtract(q_to, q_from)
+        return np.where(self.endless, rotation.wrapped(gap), gap) if self._any_endless else gap
 
     def checked(self, q: ArrayLike, field: str = "q") -> Array:
         """Return a configuration (..., n) from outside as floats; raise `InvalidValue` on a wrong shape or NaN."""

@@ -12,6 +12,7 @@ from typing import Annotated
 import numpy as np
 
 from optsc.checks import Above, AtMost, Checked, Each, NonNegative
+from optsc.geometry import rotation
 from optsc.geometry.rotation import Array
 from optsc.selection.grid import Grid, Situation
 from optsc.selection.reach_columns import CLEARANCE, PATH_CLEARANCE, PATH_MANIPULABILITY, PATH_SPEED, needed
@@ -181,9 +182,11 @@ class JointTravel(GraspCost):
     unit = "rad"
 
     def values(self, situation: Situation) -> Array:
-        """Return max_j |q_j - q_grasp_j| (K, M) [rad]."""
-        travel = np.abs(situation.grid.q_grasp - situation.q[:, None, None, None])
-        return situation.chosen(np.maximum.reduce(travel, axis=0))
+        """Return max_j |q_j - q_grasp_j| (K, M) [rad]; endless joints go the shorter way."""
+        travel = situation.grid.q_grasp - situation.q[:, None, None, None]
+        for joint in situation.endless:
+            travel[joint] = rotation.wrapped(travel[joint])
+        return situation.chosen(np.maximum.reduce(np.abs(travel, out=travel), axis=0))
 
 
 @dataclass(frozen=True)

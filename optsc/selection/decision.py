@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 
 class RankingInputs(NamedTuple):
-    """What a ranking follows from: unit quaternion (4,), position (3,) [m], configuration (n,) [rad], finite."""
+    """What a ranking follows from: unit quaternion (4,), position (3,) [m], configuration (n,) [rad], finite.
+
+    ``endless`` are the indices of the joints that turn without limits.
+    """
 
     grid: Grid
     rule: RankingRule
@@ -28,6 +31,7 @@ class RankingInputs(NamedTuple):
     quaternion: Array
     position: Array
     q: Array
+    endless: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +99,8 @@ class Decision:
 
 def decide(inputs: RankingInputs) -> Decision:
     """Return what the rule makes of the candidates that all filters pass: the heart of a control tick."""
-    grid, rule, filters, quaternion, position, q = inputs
-    situation = situate(grid, quaternion, position, q)
+    grid, rule, filters, quaternion, position, q, endless = inputs
+    situation = situate(grid, quaternion, position, q, endless)
     admissible = grid.reachable
     for one in filters:
         admissible = admissible & one.passes(situation)

@@ -175,6 +175,7 @@ class Situation(NamedTuple):
         similarity: (K, M) |q . q_i| in [0, 1] of the twin to use: cosine of half the angle between hand and
             grasp.
         shared: what several costs need of this situation, by name, kept by the first that works it out.
+        endless: indices of the joints that turn without limits.
     """
 
     grid: Grid
@@ -184,6 +185,7 @@ class Situation(NamedTuple):
     turned: np.ndarray | None
     similarity: Array
     shared: dict[str, tuple[Array, ...]]
+    endless: tuple[int, ...] = ()
 
     def chosen(self, per_twin: np.ndarray) -> np.ndarray:
         """Return of values (..., T, K, M) those of the twin to use (..., K, M)."""
@@ -191,7 +193,7 @@ class Situation(NamedTuple):
         return stored if self.turned is None else np.where(self.turned, per_twin[..., 1, :, :], stored)
 
 
-def situate(grid: Grid, quaternion: Array, position: Array, q: Array) -> Situation:
+def situate(grid: Grid, quaternion: Array, position: Array, q: Array, endless: tuple[int, ...] = ()) -> Situation:
     """Return ``grid`` as seen from a finite hand pose: unit quaternion (4,) and position (3,) [m].
 
     Of two jaw twins the nearer in orientation is used among those that the arm can reach; if it can
@@ -199,8 +201,8 @@ def situate(grid: Grid, quaternion: Array, position: Array, q: Array) -> Situati
     """
     similarity = np.abs(quaternion @ grid._flat_quaternions).reshape(grid.status.shape)
     if len(similarity) == 1:
-        return Situation(grid, quaternion, position, q, None, similarity[0], {})
+        return Situation(grid, quaternion, position, q, None, similarity[0], {}, endless)
     score = similarity - grid._handicap
     turned = score[1] > score[0] + TWIN_TOLERANCE
     nearer = np.where(turned, similarity[1], similarity[0])
-    return Situation(grid, quaternion, position, q, turned, nearer, {})
+    return Situation(grid, quaternion, position, q, turned, nearer, {}, endless)

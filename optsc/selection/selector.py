@@ -134,6 +134,7 @@ class GraspSelector:
             manipulability = Manipulability()
         if solve is None:
             solve, motion = _solver(robot), motion or StraightMotion(robot, speed, angular_speed)
+        self.endless = tuple(np.flatnonzero(robot.endless).tolist())
         self.robot, self.filters, self.hysteresis = robot, tuple(filters), hysteresis
         self._refresh_limit = refresh_limit
         self.solver = ReachSolver(
@@ -229,7 +230,7 @@ class GraspSelector:
         viewpoint = Viewpoint(quaternion, X_WT.translation, configuration)
         if self.hysteresis is not None:
             viewpoint = self.hysteresis.dragged(last.viewpoint, viewpoint)
-        inputs = RankingInputs(last.grid, self.rule, last.filters, *viewpoint)
+        inputs = RankingInputs(last.grid, self.rule, last.filters, *viewpoint, self.endless)
         if last.ranking is not None and viewpoint is last.viewpoint and last.ranking.follows_from(inputs):
             return last.ranking
         grid, ranking = self._ranked(inputs, budget, refresh_limit is not None)
@@ -257,7 +258,7 @@ class GraspSelector:
         rows = grid.first_rows[places]
         if situation.turned is not None:
             rows = rows + situation.turned.ravel()[places]
-        gaps = np.abs(grid.seeds[rows] - situation.q)
+        gaps = np.abs(self.robot.difference(grid.seeds[rows], situation.q))
         if np.maximum.reduce(gaps, axis=None, initial=0.0) <= self.solver.refresh_angle:
             return rows[:0]
         gap = gaps.max(axis=1)
@@ -275,7 +276,7 @@ class GraspSelector:
         if grid is None:
             return 0
         here = np.asarray(q, dtype=float)
-        gap = np.abs(grid.seeds - here).max(axis=1, initial=0.0)
+        gap = np.abs(self.robot.difference(grid.seeds, here)).max(axis=1, initial=0.0)
         oldest = np.argsort(-gap, kind="stable")[:limit]
         rows = oldest[gap[oldest] > self.solver.refresh_angle]
         if len(rows):

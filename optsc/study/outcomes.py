@@ -132,7 +132,7 @@ def _measured(
     row.update(effort_m=manual["effort_m"], intervention=manual["intervention"], manual_s=begin / motion.rate)
     row.update(jump_measures(motion, begin, target.X_WG))
     if hand_over is not None:
-        row["target_travel_rad"] = float(np.abs(target.q - hand_over.q).max())
+        row["target_travel_rad"] = float(np.abs(robot.difference(target.q, hand_over.q)).max())
         row["jump_target_distance_m"] = float(np.linalg.norm(target.X_WG.translation - hand_over.X_WT.translation))
         row["jump_target_chord"] = float(rotation.chord(target.X_WG.quaternion, hand_over.X_WT.quaternion))
     if ended == ARRIVED:

@@ -23,7 +23,7 @@ __all__ = [
     "table_of",
 ]
 
-ROBOT = SimpleNamespace(n=JOINTS, name="a plain stand-in")
+ROBOT = SimpleNamespace(n=JOINTS, name="a plain stand-in", endless=np.zeros(JOINTS, dtype=bool), difference=np.subtract)
 
 
 def solve_all(X_WT, seeds):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from selection_cases import JOINTS, no_solutions, random_candidates, random_hand, random_table
+from selection_cases import JOINTS, ROBOT, no_solutions, random_candidates, random_hand, random_table
 
 from optsc.selection import Cascade, GraspSelector, Ranking, WeightedSum
 from optsc.selection.costs import OrientationDistance, PositionDistance
@@ -17,8 +17,7 @@ RULES = (
 def ranking(request):
     rng = np.random.default_rng(11)
     candidates = random_candidates(rng, counts=(40, 60))
-    one = GraspSelector(None, request.param, object(), solve=no_solutions, refresh_limit=0)
-    one.robot = type("Arm", (), {"n": JOINTS})
+    one = GraspSelector(ROBOT, request.param, object(), solve=no_solutions, refresh_limit=0)
     one.use(random_table(rng, candidates, reachable=0.4))
     return one.rank(random_hand(rng), np.zeros(JOINTS))
 
@@ -63,8 +62,7 @@ def test_the_text_has_a_line_for_each_row_and_names_units_and_reasons(ranking):
 @pytest.mark.parametrize("count", [1, 2])
 def test_the_next_best_grasp_is_named_where_there_is_one(count):
     rng = np.random.default_rng(12)
-    one = GraspSelector(None, None, object(), solve=no_solutions, refresh_limit=0)
-    one.robot = type("Arm", (), {"n": JOINTS})
+    one = GraspSelector(ROBOT, None, object(), solve=no_solutions, refresh_limit=0)
     one.use(random_table(rng, random_candidates(rng, counts=(count,)), reachable=1.0))
     ranking = one.rank(random_hand(rng), np.zeros(JOINTS))
     assert len(ranking.of("mug")) == count
