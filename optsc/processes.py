@@ -26,7 +26,7 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     context = get_context("spawn")
     leash, held = context.Pipe(duplex=False)
     with (
-        _single_threaded(),
+        single_threaded(),
         leash,
         held,
         ProcessPoolExecutor(workers, context, initializer=end_with, initargs=(leash,)) as pool,
@@ -51,7 +51,7 @@ def end_with(leash: Connection) -> None:
 
 
 @contextmanager
-def _single_threaded() -> Iterator[None]:
+def single_threaded() -> Iterator[None]:
     """Let processes that are started meanwhile use one thread each: there is one for each core."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))

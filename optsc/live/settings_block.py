@@ -29,6 +29,7 @@ class LiveSettings(Checked):
         orientation, position, manipulability, travel: weights of the sum [-, 1/m, -, 1/rad].
         scale: motion of the tool per motion of the hand.
         cutoff: of the smoothing of the hand at rest [Hz]; 0 for none.
+        restarts: how often the scene was to begin again.
     """
 
     rule: Annotated[str, OneOf(RULES, "rule")] = "cascade"
@@ -40,6 +41,7 @@ class LiveSettings(Checked):
     travel: Annotated[float, NonNegative, AtMost(10.0)] = 0.1
     scale: Annotated[float, AtLeast(0.1), AtMost(3.0)] = 1.0
     cutoff: Annotated[float, NonNegative, AtMost(20.0)] = 0.0
+    restarts: Annotated[int, AtLeast(0), AtMost(1_000_000)] = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -79,7 +81,7 @@ class LiveSettings(Checked):
         """Return the settings of a row; raise `InvalidValue`."""
         values: dict[str, Any] = dict(zip(COLUMNS, row.tolist(), strict=True))
         values["rule"] = RULES[int(values["rule"])]
-        for name in ("keep_orientation", "keep_position"):
+        for name in ("keep_orientation", "keep_position", "restarts"):
             values[name] = int(values[name])
         return cls(**values)
 

@@ -1,0 +1,126 @@
+"""A live session: starts control process and page server around one shared memory, and keeps them going."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from optsc.live.access import Access, plain_names
+from optsc.live.children import Child, ChildFailed
+from optsc.live.layout import SharedParts, Sizes
+from optsc.live.scene import LiveScene, SceneChoice
+
+LOOK_EVERY = 0.2
+"""From one look at the processes to the next [s]."""
+
+
+class LiveSession:
+    """A session that runs: a person can open its page and drive.
+
+    Args:
+        scene: what is driven.
+        access: where the page is served, and to whom.
+        light: whether surfaces are to be as coarse as can be.
+        say: is told what happens, in words.
+
+    Attributes:
+        parts: the shared memory.
+        access: the same with the port that was found.
+
+    Raises:
+        ChildFailed: a process could not begin.
+    """
+
+    def __init__(
+        self,
+        scene: LiveScene,
+        access: Access,
+        light: bool = False,
+        say: Callable[[str], None] = print,
+    ) -> None:
+        self.scene, self.access, self._light, self._say = scene, access, light, say
+        self.parts = SharedParts(scene.sizes)
+        self._shared = (scene.choice, scene.sizes, self.parts.segment.name)
+        self.control = Child("control", run_control, *self._shared)
+        self.server = self._served()
+        try:
+            self.control.wait_until_ready()
+            self._find_port()
+        except BaseException:
+            self.close()
+            raise
+
+    def _served(self) -> Child:
+        return Child("page", run_server, *self._shared, self.access, self._light)
+
+    def _find_port(self) -> None:
+        self.access = replace(self.access, port=self.server.wait_until_ready())
+
+    def watch(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Keep the session going until told otherwise; a page server that ended begins again at the same address.
+
+        Raises:
+            ChildFailed: the control process ended.
+        """
+        while not until():
+            if not self.control.alive:
+                raise ChildFailed("control", "ended; the arm was left where it was")
+            if not self.server.alive:
+                self._say("the page server ended; it begins again, and the arm holds until then")
+                self.server.close()
+                self.server = self._served()
+                self._find_port()
+            time.sleep(LOOK_EVERY)
+
+    def close(self) -> None:
+        """End the processes, and remove the shared memory."""
+        self.server.close()
+        self.control.close()
+        self.parts.segment.close()
+
+    def __enter__(self) -> LiveSession:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def run_control(say_ready: Callable[[Any], None], choice: SceneChoice, sizes: Sizes, name: str) -> None:
+    """Run the control process."""
+    from optsc.live.loop import ControlLoop
+
+    loop = ControlLoop(LiveScene(choice), SharedParts(sizes, name))
+    say_ready(None)
+    loop.run(lambda: False)
+
+
+def run_server(
+    say_ready: Callable[[Any], None], choice: SceneChoice, sizes: Sizes, name: str, access: Access, light: bool
+) -> None:
+    """Run the page server; it is ready with the port that it serves."""
+    from optsc.live.frames import Frames
+    from optsc.live.server import PageServer
+
+    parts = SharedParts(sizes, name)
+    server = PageServer(parts, Frames(LiveScene(choice), parts.state_columns, light), access)
+    context = None
+    if access.secure:
+        from optsc.live.certificates import server_context
+
+        with tempfile.TemporaryDirectory() as folder:
+            context = server_context(plain_names(access.names), Path(folder))
+
+    async def serve() -> None:
+        async with await server.start(context):
+            say_ready(server.access.port)
+            await server.send_frames()
+
+    asyncio.run(serve())

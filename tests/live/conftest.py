@@ -1,0 +1,115 @@
+"""A live session with a page in a real browser; one session for all tests of a file."""
+
+import os
+import shutil
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from optsc.live.access import Access
+from optsc.live.live_session import LiveSession
+from optsc.live.scene import LiveScene, SceneChoice
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+PATIENCE = 90.0
+"""How long anything may take on a machine that does other things too [s]; nothing is asserted about time."""
+SCENE = SceneChoice(follower="ideal", timeout=2.0)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    if path is None:
+        reason = f"no browser here: none of {', '.join(BROWSERS)} is installed"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def session():
+    with LiveSession(LiveScene(SCENE), Access.local(), light=True) as running:
+        yield running
+
+
+class Page:
+    """A page that is open, with what a person sees and does there."""
+
+    def __init__(self, page):
+        self.page, self.problems = page, []
+        page.on("pageerror", lambda error: self.problems.append(str(error)))
+        page.set_default_timeout(PATIENCE * 1000)
+
+    def ask(self, expression):
+        return self.page.evaluate(expression)
+
+    def wait_for(self, expression):
+        end = time.monotonic() + PATIENCE
+        while not self.ask(expression):
+            assert time.monotonic() < end, f"never came true: {expression}; {self.now()}"
+            self.page.wait_for_timeout(30)
+
+    def now(self):
+        return self.ask("optsc.moment && [optsc.moment.mode, optsc.moment.status, optsc.moment.reason]")
+
+    @property
+    def mode(self):
+        return self.ask("optsc.moment.mode")
+
+    @property
+    def tool(self):
+        return self.ask("Array.from(optsc.moment.of('target'))")[:3]
+
+    def let_run(self, duration):
+        """Wait for a duration [s] of the arm's own time, which is less than the clock's on a loaded machine."""
+        self.wait_for(f"optsc.moment && optsc.moment.time > {self.ask('optsc.moment.time')} + {duration}")
+
+    def grab(self):
+        """Press the mouse on the ball and return where that is [pixels]."""
+        at = self.ask("optsc.view.onScreen(optsc.handle.group.position.toArray())")
+        self.page.mouse.move(at["x"], at["y"])
+        self.page.mouse.down()
+        self.wait_for("optsc.hand.source === 'mouse'")
+        return at["x"], at["y"]
+
+    def drag(self, x, y, steps=8):
+        """Move the held ball by pixels; return where the mouse is then."""
+        left, top = self.grab()
+        for k in range(1, steps + 1):
+            self.page.mouse.move(left + x * k / steps, top + y * k / steps)
+            self.page.wait_for_timeout(20)
+
+
+@contextmanager
+def opened(browser, address, ready=True, **options):
+    context = browser.new_context(viewport={"width": 960, "height": 640}, **options)
+    page = Page(context.new_page())
+    try:
+        page.page.goto(address)
+        if ready:
+            page.wait_for("Boolean(window.optsc && optsc.moment)")
+        yield page
+        assert page.problems == []
+    finally:
+        context.close()
+
+
+@pytest.fixture
+def page(browser, session):
+    with opened(browser, f"{session.access.address}?light") as shown:
+        shown.wait_for("optsc.hand.drives")
+        begin_again(shown)
+        yield shown
+
+
+def begin_again(page):
+    count = page.ask("optsc.panel.values.restarts")
+    page.page.click("[data-action=AGAIN]")
+    page.wait_for(f"optsc.moment.one('restarts') > {count} && optsc.moment.mode === 'hold'")
