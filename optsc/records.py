@@ -142,6 +142,7 @@ class Run:
             "samples": np.array([_sample_row(tick.sample) for tick in self.ticks]),
             "measured": measured,
             "commands": self.commands,
+            "buttons": np.array([button.name for button in _BUTTONS]),
             "modes": np.array([mode.value for mode in self.modes]),
             "about": np.array(json.dumps({"format": FORMAT, "rate": self.rate, **self.about}, sort_keys=True)),
         }
@@ -150,9 +151,10 @@ class Run:
 
 
 _BUTTONS = tuple(Button)
+_OLD_BUTTONS = ("CONFIRM", "CANCEL", "NEXT", "VETO", "NUDGE")
+"""What the columns are in files that do not say it."""
 _POSE_COLUMNS = ("stamp", "x", "y", "z", "qw", "qx", "qy", "qz", "clutch", "trigger")
-_NUDGE = len(_POSE_COLUMNS) + len(_BUTTONS)
-_COLUMNS = _NUDGE + 1 + 6  # whether there is a nudge, and the nudge
+_COLUMNS = len(_POSE_COLUMNS) + len(_BUTTONS) + 1 + 6  # whether there is a nudge, and the nudge
 
 
 def _sample_row(sample: OperatorSample | None) -> list[float]:
@@ -186,6 +188,7 @@ def load_inputs(path: str | Path) -> RunInputs:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in ("samples", "measured", "commands", "about")}
+            buttons = [Button[name] for name in (file["buttons"].tolist() if "buttons" in file else _OLD_BUTTONS)]
         about = json.loads(str(arrays["about"]))
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise DamagedFile(path, f"is no recorded run ({error})") from None
@@ -193,16 +196,16 @@ def load_inputs(path: str | Path) -> RunInputs:
         raise DamagedFile(path, f"has format {about['format']}, and this version reads up to {FORMAT}")
     n = (arrays["commands"].shape[1] - 1) // 3
     measured = tuple(FollowerState(row[-1], row[:n], row[n : 2 * n], row[-2]) for row in arrays["measured"])
-    return RunInputs(about, tuple(_sample(row) for row in arrays["samples"]), measured, arrays["commands"])
+    return RunInputs(about, tuple(_sample(row, buttons) for row in arrays["samples"]), measured, arrays["commands"])
 
 
-def _sample(row: Array) -> OperatorSample | None:
+def _sample(row: Array, columns: Sequence[Button]) -> OperatorSample | None:
     # A missing sample has no clutch; a bad one may have a stamp or a pose that is not a number.
     if np.isnan(row[8]):
         return None
     X_SH, clutch, trigger = Pose(row[4:8], row[1:4]), bool(row[8]), bool(row[9])
     # In the first version of the format a row ends here.
-    buttons = frozenset(button for button, held in zip(_BUTTONS, row[len(_POSE_COLUMNS) :], strict=False) if held)
-    nudged = len(row) > _NUDGE and row[_NUDGE]
-    nudge = tuple(row[_NUDGE + 1 :].tolist()) if nudged else None
+    buttons = frozenset(button for button, held in zip(columns, row[len(_POSE_COLUMNS) :], strict=False) if held)
+    at = len(_POSE_COLUMNS) + len(columns)
+    nudge = tuple(row[at + 1 :].tolist()) if len(row) > at and row[at] else None
     return OperatorSample(float(row[0]), X_SH, clutch, trigger, buttons, nudge)

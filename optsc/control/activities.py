@@ -241,43 +241,6 @@ class Adjusting(NamedTuple):
         return Adjusting(self.at, shift), Outcome(command, fault, command.reason if fault else "")
 
 
-LEAST_CLOSING_TIME = 0.3
-"""Jaws that have not moved before this [s] may not have begun to."""
-STILL_SPEED = 2e-3
-"""Jaws slower than this [m/s] are at rest ..."""
-STILL_TIME = 0.2
-"""... once they have been so for this long [s]."""
-LONGEST_CLOSING_TIME = 3.0
-"""Go on after this [s] whatever the jaws do."""
-
-
-class Closing(NamedTuple):
-    """Stand still until the jaws have come to rest.
-
-    Attributes:
-        at: the pose that the tool stays at.
-        ticks: since the jaws began to close.
-        still: for how many ticks they have been at rest.
-        opening: of the jaws at the last tick [m].
-    """
-
-    at: tuple[Vector, Quaternion]
-    ticks: int = 0
-    still: int = 0
-    opening: float | None = None
-
-    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
-        """Do one tick; see `Activity`."""
-        at, ticks, still, last = self
-        command = servo.track(*at)
-        # An opening that is not a number says nothing about rest.
-        moved = last is None or not abs(opening - last) <= STILL_SPEED * servo.period
-        after = Closing(at, ticks + 1, 0 if moved else still + 1, opening)
-        time = after.ticks * servo.period
-        at_rest = after.still * servo.period >= STILL_TIME and time >= LEAST_CLOSING_TIME
-        return after, Outcome(command, Event.CLOSED if at_rest or time >= LONGEST_CLOSING_TIME else None)
-
-
 class Standing(NamedTuple):
     """Keep the tool where it is."""
 

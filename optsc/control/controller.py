@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from optsc.checks import NonNegative, require
 from optsc.control.activities import HandInput, Resting
 from optsc.control.approach import Approach
 from optsc.control.arbitration import Arbitration, Trigger
@@ -15,8 +16,10 @@ from optsc.control.controller_state import ControllerSnapshot, ControllerState, 
 from optsc.control.events import LARGEST_LAG, Parts, happening, lag, leading_hand, tuned
 from optsc.control.fine_tuning import FineTuning
 from optsc.control.grasp_choice import GraspChoice, displaced
+from optsc.control.jaws import JawSettings
 from optsc.control.mode_entry import ModeSettings, activity_of, after_event, touchable
 from optsc.control.modes import Event, Mode, next_mode
+from optsc.control.placing import PlaceSettings
 from optsc.control.policies import Alternating
 from optsc.control.servo import Servo, ServoSettings
 from optsc.control.status import error_text
@@ -58,6 +61,9 @@ class SharedController:
         avoid: what the arm keeps clear of, with obstacles named like the objects; the hand may touch what it grasps.
         grasp_within: distance and angle to a grasp [m, rad] within which the trigger closes the jaws, where that is
             what it does; None for anywhere.
+        jaws: what their measured opening means.
+        place: how the robot puts down what it holds.
+        debounce: presses of the trigger that are closer together than this count as one [s].
 
     Attributes:
         servo: follows the target.
@@ -82,14 +88,26 @@ class SharedController:
         solver: str = "daqp",
         avoid: Avoidance | None = None,
         grasp_within: tuple[float, float] | None = (0.03, 0.35),
+        jaws: JawSettings | None = None,
+        place: PlaceSettings | None = None,
+        debounce: float = 0.15,
     ) -> None:
+        require("debounce", debounce, NonNegative)
         if robot.gripper is None:
             raise InvalidValue("robot.gripper", None, "a gripper")
         self.robot, self.selector = robot, selector
         self.arbitration = arbitration or Alternating()
         self.approach = approach or Approach()
-        self._modes = ModeSettings(robot, self.arbitration, self.approach, fine_tuning, robot.gripper.max_opening)
-        self._within = grasp_within
+        self._modes = ModeSettings(
+            robot,
+            self.arbitration,
+            self.approach,
+            fine_tuning,
+            robot.gripper.max_opening,
+            jaws or JawSettings(),
+            place or PlaceSettings(),
+        )
+        self._within, self._debounce = grasp_within, debounce
         self._servo_settings, self._solver, self._avoid = servo or ServoSettings(), solver, avoid
         if intent is None and (self.arbitration.assists or self.arbitration.trigger is Trigger.GRASPS):
             intent = IntentSettings()
@@ -142,8 +160,12 @@ class SharedController:
 
     @property
     def finished(self) -> bool:
-        """Whether an object has been carried long enough."""
-        return self.mode is Mode.CARRY and self.time - self.state.entered >= self.approach.carry_time
+        """Whether an object is held, and has been carried long enough."""
+        return (
+            self.mode is Mode.CARRY
+            and self.state.held is not None
+            and self.time - self.state.entered >= self.approach.carry_time
+        )
 
     @property
     def ranking(self) -> Ranking | None:
@@ -166,7 +188,7 @@ class SharedController:
         except BaseException:
             self.selector.state = before
             raise
-        self.state = state._replace(choice=choice, doubt=doubt)
+        self.state = state._replace(choice=choice, doubt=doubt, moved=frozenset())
 
     def recentre(self) -> None:
         """Turn the operator's station about the vertical so that the hand now heads where the tool does.
@@ -214,8 +236,11 @@ class SharedController:
         monitor, given = self.state.monitor.read(sample)
         if given.new:
             self._set(monitor=monitor)
-        parts = Parts(self._modes, self._choice, self.servo, self._within)
-        self.state, event, reason = happening(parts, self.state, given, measured)
+        modes = self._modes
+        jaws, change = self.state.jaws.updated(modes.jaws, modes.open, self.servo.period, measured.opening)
+        self._set(jaws=jaws)
+        parts = Parts(modes, self._choice, self.servo, self._within, self._debounce)
+        self.state, event, reason = happening(parts, self.state, given, measured, change)
         leaves_hold = self.mode is Mode.HOLD and next_mode(Mode.HOLD, event) is not Mode.HOLD
         if leaves_hold and lag(self.servo, measured) > LARGEST_LAG:
             # Something stopped the arm. It goes on from where it is: its old command would push it there again.
@@ -237,6 +262,8 @@ class SharedController:
             if choice is not self.state.choice:
                 self._set(choice=choice)
             self._allow_contact()
+        if self.finished and not self.state.counted:
+            self._set(tasks=self.state.tasks + 1, counted=True)
         state = self.state
         command = self.servo.timed(outcome.command)
         return ControlStep(
@@ -250,6 +277,7 @@ class SharedController:
             reason or command.reason,
             choice.probabilities,
             outcome.assistance,
+            state.held,
         )
 
     def _halted(self, error: Exception) -> ControlStep:
@@ -261,7 +289,10 @@ class SharedController:
         command = self.servo.timed(self.servo.halt(reason))
         self.servo.forget()
         self._set(mode=Mode.HOLD, entered=self.time, activity=Resting(), target=None, tuning=None, failure=reason)
-        return ControlStep(time, Mode.HOLD, Event.FAULT, command, self.state.opening, self.ranking, None, reason)
+        state = self.state
+        return ControlStep(
+            *(time, Mode.HOLD, Event.FAULT, command, state.opening, self.ranking, None, reason), held=state.held
+        )
 
     def _set(self, **changes: Any) -> None:
         self.state = self.state._replace(**changes)

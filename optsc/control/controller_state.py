@@ -10,6 +10,7 @@ from typing import NamedTuple
 from optsc.control.activities import Activity, Assistance, Resting
 from optsc.control.fine_tuning import Tuning
 from optsc.control.grasp_choice import ChoiceState
+from optsc.control.jaws import Held, Jaws
 from optsc.control.modes import Event, Mode
 from optsc.control.operator_input import InputMonitor
 from optsc.control.state import ServoSnapshot, same
@@ -27,6 +28,7 @@ class ControllerState(NamedTuple):
         clutch: how the hand's motion maps to the tool's; `SharedController.recentre` and `couple_by` change it.
         smoothing: how the hand is smoothed before that, if at all; `SharedController.couple_by` changes it.
         opening: commanded distance of the jaws [m].
+        jaws: what is known of them, and what they hold.
         mode, entered: the control mode, and since when [s].
         activity: what is done in it.
         monitor: the operator's last sample.
@@ -38,6 +40,10 @@ class ControllerState(NamedTuple):
         tried: when the robot tried to begin by itself last [s].
         doubt: why the target can no longer be trusted, in words.
         touchable: the obstacle that the hand may touch.
+        pressed: when the trigger was pressed last [s].
+        moved: names of objects that have been let go of elsewhere than where they were observed.
+        tasks: how many objects have been carried long enough, or put down.
+        counted: whether the one in the jaws is among them.
         failure: what the last tick failed with, in words; empty where it did not.
     """
 
@@ -56,7 +62,17 @@ class ControllerState(NamedTuple):
     tried: float = -inf
     doubt: str = ""
     touchable: str | None = None
+    pressed: float = -inf
+    moved: frozenset[str] = frozenset()
+    tasks: int = 0
+    counted: bool = False
     failure: str = ""
+    jaws: Jaws = Jaws()
+
+    @property
+    def held(self) -> Held | None:
+        """What is between the jaws; None where nothing is known to be."""
+        return self.jaws.held
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -85,6 +101,7 @@ class ControlStep(NamedTuple):
         reason: why motion is held back or a request refused, in words; empty when all is well.
         belief: how likely each object is intended, where a belief is kept.
         assistance: how the hand's velocity and the robot's were blended, where they were.
+        held: what the jaws are measured to hold, None for nothing.
     """
 
     time: float
@@ -97,3 +114,4 @@ class ControlStep(NamedTuple):
     reason: str
     belief: Mapping[str, float] | None = None
     assistance: Assistance | None = None
+    held: Held | None = None

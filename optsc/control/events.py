@@ -11,8 +11,9 @@ from optsc.control.arbitration import Trigger
 from optsc.control.controller_state import ControllerState
 from optsc.control.fine_tuning import hand_nudge
 from optsc.control.grasp_choice import GraspChoice
-from optsc.control.mode_entry import ModeSettings, pose_of
-from optsc.control.modes import Event, Mode
+from optsc.control.jaws import Grip, JawChange
+from optsc.control.mode_entry import ModeSettings, pose_of, released
+from optsc.control.modes import TRANSITIONS, Event, Mode
 from optsc.control.operator_input import OperatorInput
 from optsc.control.servo import Servo
 from optsc.followers.protocol import FollowerState
@@ -24,6 +25,7 @@ LARGEST_LAG = 0.3
 RETRY = 1.0
 """Time [s] after which a robot that begins by itself tries again, where it found no path."""
 _TUNABLE = (Mode.APPROACH, Mode.ADJUST)
+_RELIES_ON_JAWS = (Mode.CLOSE, Mode.LIFT, Mode.CARRY, Mode.PLACE, Mode.RELEASE)
 
 
 class Parts(NamedTuple):
@@ -34,12 +36,14 @@ class Parts(NamedTuple):
         choice: chooses grasps.
         servo: follows the target.
         within: distance and angle to a grasp [m, rad] within which the trigger closes the jaws; None for anywhere.
+        debounce: presses of the trigger that are closer together than this count as one [s].
     """
 
     modes: ModeSettings
     choice: GraspChoice
     servo: Servo
     within: tuple[float, float] | None
+    debounce: float
 
 
 class Happening(NamedTuple):
@@ -50,8 +54,46 @@ class Happening(NamedTuple):
     reason: str = ""
 
 
-def happening(parts: Parts, state: ControllerState, given: OperatorInput, measured: FollowerState) -> Happening:
-    """Return what happens at this tick before anything moves."""
+def happening(
+    parts: Parts, state: ControllerState, given: OperatorInput, measured: FollowerState, change: JawChange
+) -> Happening:
+    """Return what happens at this tick before anything moves; ``change`` is what the opening of the jaws has told.
+
+    Jaws come after what the operator does, unless that means nothing in the present mode.
+    """
+    state, given = _debounced(parts, state, given)
+    found = _by_operator(parts, state, given, measured)
+    if found.event is Event.FAULT or (state.mode, found.event) in TRANSITIONS:
+        return found
+    event, reason = _by_jaws(parts, found.state, change)
+    if event is None:
+        return found
+    return Happening(found.state, event, "; ".join(filter(None, (reason, found.reason))))
+
+
+def _debounced(parts: Parts, state: ControllerState, given: OperatorInput) -> tuple[ControllerState, OperatorInput]:
+    if given.event is not Event.TRIGGERED:
+        return state, given
+    time = parts.servo.time
+    if time - state.pressed < parts.debounce:
+        given = given._replace(event=Event.ENGAGED if given.engaged else None)
+    return state._replace(pressed=time), given
+
+
+def _by_jaws(parts: Parts, state: ControllerState, change: JawChange) -> tuple[Event | None, str]:
+    """Return what the jaws bring about, and why, in words."""
+    jaws, mode, period = state.jaws, state.mode, parts.servo.period
+    if mode in _RELIES_ON_JAWS and jaws.blind(period):
+        return Event.FAULT, "the opening of the jaws is not measured"
+    if mode is Mode.CLOSE and jaws.grip is Grip.HELD:
+        # Also where it was noticed at a tick that something else happened at.
+        return Event.HELD, change.reason
+    if mode is Mode.RELEASE and jaws.at_rest(period):
+        return (Event.OPENED, "") if jaws.opened(parts.modes.open) else (Event.FAULT, "the jaws do not open")
+    return change
+
+
+def _by_operator(parts: Parts, state: ControllerState, given: OperatorInput, measured: FollowerState) -> Happening:
     fault = _fault(parts.servo, state, measured)
     if fault:
         return Happening(state._replace(doubt=""), Event.FAULT, fault)
@@ -64,7 +106,7 @@ def happening(parts: Parts, state: ControllerState, given: OperatorInput, measur
         return Happening(state, event, reason)
     if state.mode is Mode.MANUAL:
         return _by_hand(parts, state, event, given)
-    if state.mode.automatic and event is not Event.TRIGGERED and given.pressed:
+    if event is not Event.TRIGGERED and given.pressed:
         return _by_button(parts, state, event, given.pressed)
     return Happening(state, event, reason)
 
@@ -112,26 +154,51 @@ def _fault(servo: Servo, state: ControllerState, measured: FollowerState) -> str
 
 
 def _by_hand(parts: Parts, state: ControllerState, event: Event | None, given: OperatorInput) -> Happening:
+    asked = _asked_of_jaws(parts, state, given.pressed)
+    if asked is not None:
+        return asked
+    grip = state.jaws.grip
+    if event is Event.TRIGGERED and grip.may_drop:
+        return Happening(state, Event.PUT_DOWN)
     if Button.VETO in given.pressed:
         choice, done = parts.choice.veto(state.choice, None)
         return Happening(state._replace(choice=choice), event, done)
     if event is Event.TRIGGERED and parts.modes.arbitration.trigger is Trigger.GRASPS:
         return _grasp_here(parts, state)
-    begins = event is None and _begins_by_itself(parts, state)
+    begins = event is None and not grip.may_drop and _begins_by_itself(parts, state)
     if begins:
         state = state._replace(tried=parts.servo.time)
     elif event is not Event.TRIGGERED:
         return Happening(state, event)
     choice, target, refusal = parts.choice.choose(state.choice, parts.servo, leading_hand(state), state.clutch)
     state = state._replace(choice=choice)
+    if target is not None and target.object_name in state.moved:
+        return Happening(state, None, f"the {target.object_name} was moved, and has not been observed since")
     if target is None:
         return Happening(state, None, refusal)
     return Happening(state._replace(target=target), Event.BEGUN if begins else event)
 
 
+def _asked_of_jaws(parts: Parts, state: ControllerState, pressed: frozenset[Button]) -> Happening | None:
+    """Return what comes of a wish to open the jaws or to put down what they hold; None where there is none."""
+    if Button.RELEASE not in pressed and Button.PLACE not in pressed:
+        return None
+    jaws, mode = state.jaws, state.mode
+    event = Event.RELEASED if Button.RELEASE in pressed else Event.PUT_DOWN
+    if event is Event.RELEASED and jaws.grip is Grip.OPEN:
+        return Happening(state, None, "the jaws are open")
+    if event is Event.PUT_DOWN and not jaws.grip.may_drop:
+        return Happening(state, None, "the jaws hold nothing")
+    if (mode, event) in TRANSITIONS:
+        return Happening(state, event)
+    if event is Event.RELEASED and mode is Mode.MANUAL:
+        return Happening(released(parts.modes, state, parts.servo), event, "the jaws open")
+    return Happening(state, None, f"not in {mode.value}: the clutch or the trigger leads to manual first")
+
+
 def _grasp_here(parts: Parts, state: ControllerState) -> Happening:
     if state.opening < parts.modes.open:
-        return Happening(state._replace(opening=parts.modes.open), None, "the jaws open")
+        return Happening(released(parts.modes, state, parts.servo), None, "the jaws open")
     target, refusal = parts.choice.near(state.choice, parts.servo, parts.within)
     if refusal:
         return Happening(state, None, refusal)
@@ -147,8 +214,11 @@ def _begins_by_itself(parts: Parts, state: ControllerState) -> bool:
 
 
 def _by_button(parts: Parts, state: ControllerState, event: Event | None, pressed: frozenset[Button]) -> Happening:
-    if Button.CANCEL in pressed:
+    if state.mode.automatic and Button.CANCEL in pressed:
         return Happening(state, Event.CANCELLED)
+    asked = _asked_of_jaws(parts, state, pressed)
+    if asked is not None:
+        return asked
     if state.mode not in _TUNABLE:
         return Happening(state, event)
     if Button.NEXT in pressed or Button.VETO in pressed:

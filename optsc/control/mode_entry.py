@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from math import dist
 from typing import NamedTuple
 
 from optsc.control.activities import (
     Activity,
     Adjusting,
-    Closing,
     Coupling,
     Following,
     Resting,
@@ -19,12 +19,17 @@ from optsc.control.arbitration import Arbitration
 from optsc.control.assisted import Assisted
 from optsc.control.controller_state import ControllerState
 from optsc.control.fine_tuning import FineTuning, Shift, Tuning, TuningScene, untouched
+from optsc.control.jaws import Grip, JawSettings
 from optsc.control.modes import TRANSITIONS, Event, Mode, next_mode
+from optsc.control.placing import Lowering, PlaceSettings
 from optsc.control.servo import Servo
-from optsc.geometry import Pose
+from optsc.geometry import Pose, scalar
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.robot import RobotModel
 from optsc.selection import Target
+
+MOVED = (0.01, 0.1)
+"""An object that was carried no further than this [m, rad] is where it was."""
 
 
 class ModeSettings(NamedTuple):
@@ -36,6 +41,8 @@ class ModeSettings(NamedTuple):
         approach: how the robot moves by itself.
         fine_tuning: how far a grasp may be shifted on the way to it, if at all.
         open: distance of the open jaws [m].
+        jaws: what the measured opening means.
+        place: how the robot puts down what it holds.
     """
 
     robot: RobotModel
@@ -43,6 +50,8 @@ class ModeSettings(NamedTuple):
     approach: Approach
     fine_tuning: FineTuning | None
     open: float
+    jaws: JawSettings
+    place: PlaceSettings
 
 
 def after_event(settings: ModeSettings, state: ControllerState, servo: Servo, event: Event | None) -> ControllerState:
@@ -51,15 +60,25 @@ def after_event(settings: ModeSettings, state: ControllerState, servo: Servo, ev
         return state
     mode = next_mode(state.mode, event)
     stepped_in = mode is not Mode.HOLD and (state.stepped_in or state.mode.automatic)
+    if event is Event.OPENED:
+        state = _counted(state)
+    elif event is Event.RELEASED or mode is Mode.RELEASE:
+        state = released(settings, state, servo)
+    elif event is Event.LOST and state.jaws.target is not None:
+        state = state._replace(moved=state.moved | {state.jaws.target.object_name})
+    if state.mode is Mode.RETREAT and event is Event.ARRIVED:
+        # What was to be done is done: the robot may begin the next by itself.
+        stepped_in = False
     state = state._replace(mode=mode, entered=servo.time, stepped_in=stepped_in)
-    if mode in (Mode.HOLD, Mode.MANUAL):
+    if mode in (Mode.HOLD, Mode.MANUAL, Mode.PLACE):
         servo.forget()
         state = state._replace(target=None, tuning=None)
     elif mode is Mode.APPROACH:
         tuning = _begun_tuning(settings, state, servo.time)
-        state = state._replace(opening=settings.open, confirmed=False, tuning=tuning)
+        state = released(settings, state, servo)._replace(confirmed=False, tuning=tuning)
     elif mode is Mode.CLOSE:
-        state = state._replace(opening=0.0)
+        jaws = state.jaws.closing(state.target, servo.reference)
+        state = state._replace(opening=0.0, jaws=jaws, counted=False)
     return state._replace(activity=activity_of(settings, state, servo))
 
 
@@ -81,15 +100,42 @@ def activity_of(settings: ModeSettings, state: ControllerState, servo: Servo) ->
         return Adjusting.begin(servo, Shift(settings.fine_tuning.speed))
     if mode is Mode.ADVANCE and target is not None:
         return Travelling.begin(approach, servo, *pose_of(target.X_WG))
-    if mode is Mode.CLOSE:
-        return Closing(servo.reference)
     if mode is Mode.LIFT:
         (x, y, z), q = servo.reference
         return Travelling.begin(approach, servo, (x, y, z + approach.lift), q)
+    if mode is Mode.PLACE:
+        return Lowering.begin(settings.place, approach, servo, state.jaws.at[0][2])
+    if mode is Mode.RETREAT:
+        p, q = servo.reference
+        x, y, z = scalar.rotate(q, (0.0, 0.0, -settings.place.retreat))
+        return Travelling.begin(approach, servo, (p[0] + x, p[1] + y, p[2] + z), q)
     return Standing(servo.reference)
 
 
-_AT_THE_OBJECT = (Mode.ADVANCE, Mode.CLOSE, Mode.LIFT, Mode.CARRY)
+def released(settings: ModeSettings, state: ControllerState, servo: Servo) -> ControllerState:
+    """Return the state with jaws that open; what was between them is no longer where it was observed, if it moved."""
+    jaws, moved = state.jaws, state.moved
+    if jaws.target is not None and jaws.grip.may_drop and _apart(jaws.at, servo.reference):
+        moved = moved | {jaws.target.object_name}
+    if jaws.grip is not Grip.OPEN:
+        jaws = jaws.opening()
+    return state._replace(opening=settings.open, jaws=jaws, moved=moved)
+
+
+def _counted(state: ControllerState) -> ControllerState:
+    return state if state.counted else state._replace(tasks=state.tasks + 1, counted=True)
+
+
+def _apart(a: tuple[Vector, Quaternion], b: tuple[Vector, Quaternion]) -> bool:
+    (p, q), (other_p, other_q) = a, b
+    turned = scalar.angle(scalar.multiply(q, scalar.conjugate(other_q)))
+    return dist(p, other_p) > MOVED[0] or turned > MOVED[1]
+
+
+_AT_THE_OBJECT = (
+    *(Mode.ADVANCE, Mode.CLOSE, Mode.LIFT, Mode.CARRY),
+    *(Mode.PLACE, Mode.RELEASE, Mode.RETREAT),
+)
 
 
 def touchable(mode: Mode, target: Target | None, intended: str | None, so_far: str | None) -> str | None:

@@ -21,6 +21,9 @@ class Mode(Enum):
     CLOSE = "close"
     LIFT = "lift"
     CARRY = "carry"
+    PLACE = "place"
+    RELEASE = "release"
+    RETREAT = "retreat"
 
     @property
     def automatic(self) -> bool:
@@ -40,9 +43,21 @@ class Event(Enum):
     WAITED = "the pre-grasp is reached, and the operator has the last word"
     CONFIRMED = "the operator confirms"
     ARRIVED = "the end of the path is reached"
-    CLOSED = "the jaws have come to rest"
+    HELD = "the jaws hold the object"
+    EMPTY = "the jaws have closed on nothing"
+    TOO_WIDE = "something wider than the grasp has stopped the jaws"
+    SLIPPED = "what the jaws hold slips"
+    LOST = "what the jaws held is gone"
+    RELEASED = "the operator opens the jaws here"
+    PUT_DOWN = "the operator has the robot put down what the jaws hold"
+    SUPPORTED = "what the jaws hold stands on something"
+    UNSUPPORTED = "there is nothing to put it down on"
+    OPENED = "the jaws are open"
     FAULT = "something cannot be trusted any more"
 
+
+_HOLDING = (Mode.LIFT, Mode.CARRY, Mode.PLACE)
+"""The robot moves by itself with something between the jaws."""
 
 _BY_EVENT: dict[tuple[Mode, Event], Mode] = {
     (Mode.HOLD, Event.ENGAGED): Mode.MANUAL,
@@ -60,10 +75,23 @@ _BY_EVENT: dict[tuple[Mode, Event], Mode] = {
     (Mode.ADVANCE, Event.TRIGGERED): Mode.MANUAL,
     (Mode.ADVANCE, Event.ARRIVED): Mode.CLOSE,
     (Mode.CLOSE, Event.TRIGGERED): Mode.MANUAL,
-    (Mode.CLOSE, Event.CLOSED): Mode.LIFT,
+    (Mode.CLOSE, Event.HELD): Mode.LIFT,
+    (Mode.CLOSE, Event.EMPTY): Mode.HOLD,
+    (Mode.CLOSE, Event.TOO_WIDE): Mode.HOLD,
     (Mode.LIFT, Event.TRIGGERED): Mode.MANUAL,
     (Mode.LIFT, Event.ARRIVED): Mode.CARRY,
     (Mode.CARRY, Event.TRIGGERED): Mode.MANUAL,
+    **{(mode, event): Mode.HOLD for mode in _HOLDING for event in (Event.SLIPPED, Event.LOST)},
+    **{(mode, Event.RELEASED): Mode.MANUAL for mode in (Mode.CLOSE, Mode.LIFT, Mode.CARRY)},
+    **{(mode, Event.PUT_DOWN): Mode.PLACE for mode in (Mode.MANUAL, Mode.LIFT, Mode.CARRY)},
+    (Mode.PLACE, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.PLACE, Event.RELEASED): Mode.RELEASE,
+    (Mode.PLACE, Event.SUPPORTED): Mode.RELEASE,
+    (Mode.PLACE, Event.UNSUPPORTED): Mode.MANUAL,
+    (Mode.RELEASE, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.RELEASE, Event.OPENED): Mode.RETREAT,
+    (Mode.RETREAT, Event.TRIGGERED): Mode.MANUAL,
+    (Mode.RETREAT, Event.ARRIVED): Mode.MANUAL,
 }
 
 TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = MappingProxyType(
@@ -101,6 +129,10 @@ def markdown() -> str:
     ]
     lines += [
         "```",
+        "",
+        "Closing ends in what the jaws are measured to be. With the object between them the robot lifts it; closed on",
+        "nothing, or stopped by something wider than the grasp, it holds. In manual mode, what the jaws hold slips, is",
+        "lost or is let go of without a change of mode. While they hold something, the trigger has it put down.",
         "",
         "A fault leads from every mode to hold. Hold is left only by the operator, with the clutch or the trigger.",
         "Cancelling leads from every mode in which the robot moves by itself to manual, as the trigger does.",

@@ -16,6 +16,7 @@ class OperatorInput(NamedTuple):
         event: what happened, if anything; a press of the trigger is `Event.TRIGGERED` whatever it will mean.
         reason: what is wrong, in words.
         new: whether a good sample has come.
+        engaged: whether the clutch was closed, also where the trigger was pressed with it.
         pressed: buttons that went down.
         moved_from: the hand at the sample before, where this one and that are good.
         nudge: as in the sample.
@@ -24,6 +25,7 @@ class OperatorInput(NamedTuple):
     event: Event | None = None
     reason: str = ""
     new: bool = False
+    engaged: bool = False
     pressed: frozenset[Button] = frozenset()
     moved_from: Hand | None = None
     nudge: tuple[float, float, float, float, float, float] | None = None
@@ -66,4 +68,4 @@ class InputMonitor(NamedTuple):
         buttons = frozenset(sample.buttons)  # the operator may go on writing into its own set
         after = InputMonitor(hand, bool(sample.clutch), bool(sample.trigger), buttons, float(sample.stamp))
         event = Event.TRIGGERED if triggered else Event.ENGAGED if engaged else None
-        return after, OperatorInput(event, "", True, buttons - self.buttons, self.hand, sample.nudge)
+        return after, OperatorInput(event, "", True, engaged, buttons - self.buttons, self.hand, sample.nudge)

@@ -32,6 +32,8 @@ class Button(Enum):
     CANCEL = "leave the motion to the hand again"
     NEXT = "take the next best grasp instead"
     VETO = "never take this grasp"
+    RELEASE = "open the jaws here"
+    PLACE = "lower what the jaws hold until it stands, then open them"
     NUDGE = "while it is held, the hand shifts the grasp that the robot goes to"
 
 
@@ -43,7 +45,7 @@ class OperatorSample(NamedTuple):
         X_SH: hand H in the operator's station frame S.
         clutch: True while the hand is coupled to the arm.
         trigger: in manual mode its rising edge hands over to the robot, or closes the jaws where the arbitration is
-            such; while the robot moves by itself it takes over again.
+            such, or has the robot put down what they hold; while the robot moves by itself it takes over again.
         buttons: what is held down.
         nudge: how far the grasp that the robot goes to is to be shifted since the last sample, in the gripper's own
             frame: x, y, z [m] and a rotation vector [rad]; None for not at all. For devices with buttons or a stick.

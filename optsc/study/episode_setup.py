@@ -131,7 +131,7 @@ class EpisodeSetup:
     def follower(self, *, gui: bool = False) -> IdealFollower | PyBulletFollower:
         """Return a new follower of the kind that the settings name; it needs closing."""
         if self.settings.follower == "ideal":
-            return IdealFollower(self.robot, self.world.X_WO)
+            return IdealFollower(self.robot, self.world.X_WO, self.candidates)
         # Studies without physics do not load the engine.
         from optsc.sim.follower import PyBulletFollower
 

@@ -118,7 +118,7 @@ def execute(phase: ManualPhase, hand_over: HandOver, condition: Condition) -> tu
     session = Session(
         controller,
         operator=copy.deepcopy(hand_over.operator),
-        follower=IdealFollower(setup.robot, setup.world.X_WO).at(hand_over.measured),
+        follower=IdealFollower(setup.robot, setup.world.X_WO, setup.candidates).at(hand_over.measured),
         display=_NoMarkers(controller),
     )
     end = controller.time + setup.settings.longest

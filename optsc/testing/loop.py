@@ -106,7 +106,7 @@ class Loop:
     ) -> None:
         self.robot, self.controller = robot, controller(robot, arbitration, **settings)
         self.controller.reset(robot.home)
-        self.follower = IdealFollower(robot)
+        self.follower = IdealFollower(robot, between=candidates)
         self.measured = self.follower.reset(robot.home)
         q = rotation.multiply(rotation.conjugate(R_WS), robot.forward(robot.home).quaternion)
         self.hand = Pose(q, np.zeros(3))
@@ -140,7 +140,8 @@ class Loop:
     def press(self, **sample: Any) -> ControlStep:
         """Press the trigger, and let go of it."""
         first = self.tick(OperatorSample(self.time, self.hand, trigger=True, **sample))
-        self.go(0.06)
+        # Longer than presses are taken for one.
+        self.go(0.16)
         return first
 
     def tool(self) -> Pose:

@@ -201,7 +201,7 @@ class ArbitrationContract(Contract):
                 approach=Approach(lift=0.02, carry_time=0.1),
             ),
             operator=operator,
-            follower=IdealFollower(robot),
+            follower=IdealFollower(robot, between=scene(places)),
             candidates=scene(places),
             duration=12.0,
             rate=250.0,

@@ -48,7 +48,7 @@ class Rig:
         selector = optsc.GraspSelector(robot, rule)
         self.controller = optsc.SharedController(robot, selector, clutch=optsc.ClutchSettings(R_WS=R_WS))
         self.controller.reset(robot.home)
-        self.follower = optsc.IdealFollower(robot)
+        self.follower = optsc.IdealFollower(robot, between=candidates)
         self.measured = self.follower.reset(robot.home)
         self.robot = robot
         tool = robot.forward(robot.home)

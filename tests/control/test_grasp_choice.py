@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from optsc.control.jaws import Grip
 from optsc.control.modes import Event, Mode
 from optsc.control.policies import Automatic, Continuous, Hindsight, LinearBlending, Manual
 from optsc.geometry import Pose, rotation
@@ -134,16 +135,19 @@ def test_the_jaws_close_only_near_a_grasp_and_the_reason_says_how_far_it_is(robo
     assert anywhere.controller.mode is Mode.CLOSE
     assert anywhere.steps[-1].target is None
     anywhere.go(4.0)
-    assert modes(anywhere.steps)[-3:] == ["close", "lift", "carry"]
+    assert modes(anywhere.steps)[-2:] == ["close", "hold"]
+    assert any("closed on nothing" in step.reason for step in anywhere.steps)
 
 
-def test_who_takes_over_with_closed_jaws_opens_them_with_the_trigger(robot):
+def test_the_trigger_opens_jaws_that_are_closed_on_nothing(robot):
     loop = Loop(robot, scene(), arbitration=LinearBlending(), grasp_within=None)
     loop.go(0.1)
     loop.press()
     assert loop.steps[-1].opening == 0.0
     loop.press()
     assert (loop.controller.mode, loop.steps[-1].opening) == (Mode.MANUAL, 0.0)
+    loop.go(1.5)
+    assert loop.controller.state.jaws.grip is Grip.EMPTY
     assert loop.press().reason == "the jaws open"
     assert loop.controller.mode is Mode.MANUAL
     assert loop.steps[-1].opening == robot.gripper.max_opening

@@ -99,6 +99,9 @@ def test_a_snapshot_restored_in_any_mode_goes_on_with_the_same_bytes(robot):
     loop.go(0.2)
     loop.press()
     loop.go(0.3, move=(0.0, 0.05, 0.05))
+    loop.press()
+    until(loop, Mode.RETREAT)
+    until(loop, Mode.MANUAL)
     assert {step.mode for step in loop.steps} == set(Mode)
     assert_goes_on_the_same(loop)
 

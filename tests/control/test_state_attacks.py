@@ -332,10 +332,3 @@ def test_an_operator_may_use_one_set_of_buttons_again(robot):
     buttons.add(Button.VETO)
     loop.tick(OperatorSample(loop.time, loop.hand, buttons=buttons))
     assert loop.controller.selector.state.vetoed
-
-
-def test_jaws_whose_opening_is_unknown_do_not_count_as_closed():
-    closing = activities.Closing(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), still=3, opening=0.02)
-    servo = SimpleNamespace(track=lambda *at: None, period=PERIOD)
-    after, _ = closing.step(servo, activities.HandInput(None, False, False), float("nan"))
-    assert after.still == 0

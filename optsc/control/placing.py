@@ -1,0 +1,72 @@
+"""Putting down: the tool is lowered straight down until what it holds stands on something."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
+
+from optsc.checks import Checked, Positive
+from optsc.control.activities import Activity, HandInput, Outcome, Travelling
+from optsc.control.approach import Approach
+from optsc.control.modes import Event
+from optsc.control.servo import Servo
+
+
+@dataclass(frozen=True)
+class PlaceSettings(Checked):
+    """How the robot puts down what it holds.
+
+    Attributes:
+        speed: of the tool on its way down [m/s].
+        contact: the measured tool that is higher above the commanded one than in free motion by more than this stands
+            on something [m].
+        deepest: how far the tool is lowered where it is lower than where the object was lifted from [m].
+        retreat: distance that the tool moves back along its approach axis once the jaws are open [m].
+    """
+
+    speed: Annotated[float, Positive] = 0.05
+    contact: Annotated[float, Positive] = 2e-3
+    deepest: Annotated[float, Positive] = 0.3
+    retreat: Annotated[float, Positive] = 0.08
+
+
+STANDS = 5e-3
+"""A tool that is no lower than this [m] below where it grasped has the object standing where it stood."""
+
+
+class Lowering(NamedTuple):
+    """Lower the tool until it meets something, or is as high as where the object was lifted from.
+
+    Attributes:
+        settings: of putting down.
+        motion: down to the end.
+        known: whether the end is the height of the support; below it, there is none that is known.
+        lag: by how much the measured tool is above the commanded one in free motion [m].
+    """
+
+    settings: PlaceSettings
+    motion: Travelling
+    known: bool
+    lag: float = 0.0
+
+    @classmethod
+    def begin(cls, settings: PlaceSettings, approach: Approach, servo: Servo, support: float) -> Lowering:
+        """Return the motion from where the tool is led along; ``support`` is its height where it grasped [m]."""
+        (x, y, z), q = servo.reference
+        known = z >= support - STANDS
+        end = min(z, support) if known else z - settings.deepest
+        motion = Travelling.begin(replace(approach, speed=settings.speed), servo, (x, y, end), q)
+        return cls(settings, motion, known)
+
+    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
+        """Do one tick; see `Activity`."""
+        motion, outcome = self.motion.step(servo, hand, opening)
+        if not isinstance(motion, Travelling):
+            return motion, outcome
+        after = self._replace(motion=motion)
+        if outcome.event is Event.ARRIVED:
+            if self.known:
+                return after, outcome._replace(event=Event.SUPPORTED)
+            words = f"there is nothing to put it down on within {1e3 * self.settings.deepest:.0f} mm"
+            return after, outcome._replace(event=Event.UNSUPPORTED, reason=words)
+        return after, outcome
