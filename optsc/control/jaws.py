@@ -259,7 +259,7 @@ class Jaws(NamedTuple):
             return self._replace(suspicion=suspicion), JawChange()
         moving = Jaws(self.readings.begun(), Grip.CLOSING, None, self.target, self.at)
         if held is None:
-            # What had stopped the jaws is gone: they are judged anew.
+            # What had stopped the jaws is gone: they are judged again.
             return moving, JawChange()
         name = f"the {held.object_name}" if held.object_name else "what the jaws held"
         fall = f"the opening fell from {_mm(self.judged)} to {_mm(opening)}"
