@@ -11,7 +11,7 @@ from optsc.control.arbitration import Trigger
 from optsc.control.controller_state import ControllerState
 from optsc.control.fine_tuning import hand_nudge
 from optsc.control.grasp_choice import GraspChoice
-from optsc.control.jaws import Grip, JawChange
+from optsc.control.jaws import GripStatus, JawChange
 from optsc.control.mode_entry import ModeSettings, pose_of, released
 from optsc.control.modes import TRANSITIONS, Event, Mode
 from optsc.control.operator_input import OperatorInput
@@ -85,7 +85,7 @@ def _by_jaws(parts: Parts, state: ControllerState, change: JawChange) -> tuple[E
     jaws, mode, period = state.jaws, state.mode, parts.servo.period
     if mode in _RELIES_ON_JAWS and jaws.blind(period):
         return Event.FAULT, "the opening of the jaws is not measured"
-    if mode is Mode.CLOSE and jaws.grip is Grip.HELD:
+    if mode is Mode.CLOSE and jaws.grip is GripStatus.HELD:
         # Also where it was noticed at a tick that something else happened at.
         return Event.HELD, change.reason
     if mode is Mode.RELEASE and jaws.at_rest(period):
@@ -185,7 +185,7 @@ def _asked_of_jaws(parts: Parts, state: ControllerState, pressed: frozenset[Butt
         return None
     jaws, mode = state.jaws, state.mode
     event = Event.RELEASED if Button.RELEASE in pressed else Event.PUT_DOWN
-    if event is Event.RELEASED and jaws.grip is Grip.OPEN:
+    if event is Event.RELEASED and jaws.grip is GripStatus.OPEN:
         return Happening(state, None, "the jaws are open")
     if event is Event.PUT_DOWN and not jaws.grip.may_drop:
         return Happening(state, None, "the jaws hold nothing")

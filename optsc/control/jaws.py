@@ -1,4 +1,4 @@
-"""Grip detection: what the jaws hold, judged by their measured opening.
+"""GripStatus detection: what the jaws hold, judged by their measured opening.
 
 A parallel gripper that closes comes to rest on what is between its pads. Where that agrees with the width that the
 grasp says, the object is held; where the pads meet, or something wider stops them, it is not. What is held is watched
@@ -74,7 +74,7 @@ class JawSettings(Checked):
         return max(width - self.narrower, 0.5 * width), width + self.wider
 
 
-class Grip(Enum):
+class GripStatus(Enum):
     """What the jaws are doing, or hold."""
 
     OPEN = "open"
@@ -86,7 +86,7 @@ class Grip(Enum):
     @property
     def may_drop(self) -> bool:
         """Whether something could fall out of the jaws if they opened."""
-        return self in (Grip.CLOSING, Grip.HELD, Grip.TOO_WIDE)
+        return self in (GripStatus.CLOSING, GripStatus.HELD, GripStatus.TOO_WIDE)
 
 
 class Held(NamedTuple):
@@ -187,7 +187,7 @@ class Jaws(NamedTuple):
     """
 
     readings: Readings = Readings()
-    grip: Grip = Grip.OPEN
+    grip: GripStatus = GripStatus.OPEN
     held: Held | None = None
     target: Target | None = None
     at: tuple[Vector, Quaternion] = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
@@ -198,7 +198,7 @@ class Jaws(NamedTuple):
 
     def closing(self, target: Target | None, at: tuple[Vector, Quaternion]) -> Jaws:
         """Return the jaws that begin to close on the object of a grasp, with the tool at a pose in W."""
-        return Jaws(self.readings.begun(), Grip.CLOSING, None, target, at, start=self.readings.opening)
+        return Jaws(self.readings.begun(), GripStatus.CLOSING, None, target, at, start=self.readings.opening)
 
     def opening(self) -> Jaws:
         """Return the jaws that begin to open: they hold nothing any more."""
@@ -209,9 +209,9 @@ class Jaws(NamedTuple):
     ) -> tuple[Jaws, JawChange]:
         """Return the jaws after a reading of their ``opening`` [m], and what it has told."""
         jaws = self._replace(readings=self.readings.after(opening, open_jaws, period), ticks=self.ticks + 1)
-        if jaws.grip is Grip.CLOSING:
+        if jaws.grip is GripStatus.CLOSING:
             return jaws._judged(settings, open_jaws, period)
-        if jaws.grip in (Grip.HELD, Grip.TOO_WIDE):
+        if jaws.grip in (GripStatus.HELD, GripStatus.TOO_WIDE):
             return jaws._watched(settings, open_jaws, period)
         return jaws, JawChange()
 
@@ -240,13 +240,13 @@ class Jaws(NamedTuple):
         opening = self.readings.rest
         judged = self._replace(judged=opening, suspicion=0)
         if opening < least:
-            return judged._replace(grip=Grip.EMPTY), JawChange(Event.EMPTY, judged._told("closed on nothing"))
+            return judged._replace(grip=GripStatus.EMPTY), JawChange(Event.EMPTY, judged._told("closed on nothing"))
         if opening > most:
             reason = judged._told("were stopped by something wider than the grasp")
-            return judged._replace(grip=Grip.TOO_WIDE), JawChange(Event.TOO_WIDE, reason)
+            return judged._replace(grip=GripStatus.TOO_WIDE), JawChange(Event.TOO_WIDE, reason)
         name = "" if self.target is None else self.target.object_name
         held = Held(name, self.target, opening, self.at)
-        return judged._replace(grip=Grip.HELD, held=held), JawChange(Event.HELD)
+        return judged._replace(grip=GripStatus.HELD, held=held), JawChange(Event.HELD)
 
     def _watched(self, settings: JawSettings, open_jaws: float, period: float) -> tuple[Jaws, JawChange]:
         held, opening = self.held, self.readings.opening
@@ -257,7 +257,7 @@ class Jaws(NamedTuple):
         suspicion = self.suspicion + 1
         if suspicion < _LASTING_TICKS or suspicion * period < _LASTING:
             return self._replace(suspicion=suspicion), JawChange()
-        moving = Jaws(self.readings.begun(), Grip.CLOSING, None, self.target, self.at)
+        moving = Jaws(self.readings.begun(), GripStatus.CLOSING, None, self.target, self.at)
         if held is None:
             # What had stopped the jaws is gone: they are judged again.
             return moving, JawChange()

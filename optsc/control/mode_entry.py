@@ -19,7 +19,7 @@ from optsc.control.arbitration import Arbitration
 from optsc.control.assisted import Assisted
 from optsc.control.controller_state import ControllerState
 from optsc.control.fine_tuning import FineTuning, Shift, Tuning, TuningScene, untouched
-from optsc.control.jaws import Grip, JawSettings
+from optsc.control.jaws import GripStatus, JawSettings
 from optsc.control.modes import TRANSITIONS, Event, Mode, next_mode
 from optsc.control.placing import Lowering, PlaceSettings
 from optsc.control.servo import Servo
@@ -117,7 +117,7 @@ def released(settings: ModeSettings, state: ControllerState, servo: Servo) -> Co
     jaws, moved = state.jaws, state.moved
     if jaws.target is not None and jaws.grip.may_drop and _apart(jaws.at, servo.reference):
         moved = moved | {jaws.target.object_name}
-    if jaws.grip is not Grip.OPEN:
+    if jaws.grip is not GripStatus.OPEN:
         jaws = jaws.opening()
     return state._replace(opening=settings.open, jaws=jaws, moved=moved)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from optsc.control.jaws import Grip
+from optsc.control.jaws import GripStatus
 from optsc.control.modes import Event, Mode
 from optsc.control.policies import Automatic, Continuous, Hindsight, LinearBlending, Manual
 from optsc.geometry import Pose, rotation
@@ -147,7 +147,7 @@ def test_the_trigger_opens_jaws_that_are_closed_on_nothing(robot):
     loop.press()
     assert (loop.controller.mode, loop.steps[-1].opening) == (Mode.MANUAL, 0.0)
     loop.go(1.5)
-    assert loop.controller.state.jaws.grip is Grip.EMPTY
+    assert loop.controller.state.jaws.grip is GripStatus.EMPTY
     assert loop.press().reason == "the jaws open"
     assert loop.controller.mode is Mode.MANUAL
     assert loop.steps[-1].opening == robot.gripper.max_opening
