@@ -1,0 +1,1 @@
+"""Fault test of the shared controller: what goes wrong in a real loop, done on purpose in every mode."""
