@@ -8,6 +8,7 @@ import shlex
 import sys
 from typing import Any
 
+from optsc.cli import bench_faults
 from optsc.cli.options import actions_of, add_output, add_seed, checked_seed
 
 
@@ -33,6 +34,7 @@ def add_parser(subparsers: Any) -> None:
     soak.add_argument("--episode", type=int, metavar="N", help="run this one episode of the soak again, alone")
     add_output(soak, None, "where summary.json goes")
     soak.set_defaults(run=_soak)
+    bench_faults.add_parser(actions)
 
 
 def _soak(options: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from optsc.checks import Positive, require
 from optsc.control.modes import Mode
 from optsc.errors import InvalidValue, UnknownName
 from optsc.processes import process_pool
+from optsc.study.faults import world
 from optsc.study.faults.arms import ARMS, DEFAULT_ARMS
 from optsc.study.faults.catalogue import FAULTS
 from optsc.study.faults.check import problems
@@ -20,8 +21,8 @@ from optsc.study.faults.fault import KINDS, Fault
 from optsc.study.faults.run import run
 from optsc.study.faults.world import World
 
-MODES = tuple(mode.value for mode in Mode)
-"""Names of the modes."""
+MODES = tuple(mode.value for mode in world.MODES)
+"""Names of the modes that a fault is done in."""
 RATE = 250.0
 """Control rate [Hz] where nothing else is said."""
 
@@ -125,9 +126,9 @@ class Worlds:
 def outcome(worlds: Worlds, case: Case) -> Outcome:
     """Return what comes of a case: a pure function of the case."""
     fault, mode = FAULTS[case.fault], Mode(case.mode)
-    world = worlds.of(case.arm, fault)
-    record = run(world, mode, fault, seed_of(case))
-    found = problems(world.robot, world.period, record)
+    here = worlds.of(case.arm, fault)
+    record = run(here, mode, fault, seed_of(case))
+    found = problems(here.robot, here.period, record)
     return Outcome(case, fault.kind, fault.expected.of(mode).words, tuple(found))
 
 

@@ -121,6 +121,10 @@ def _limits(world: World, velocity: float = 1.0, acceleration: float = 1.0, jerk
     return JointLimits(now.lower, now.upper, velocity * now.velocity, acceleration * now.acceleration, jerk * now.jerk)
 
 
+def _slower(share: float) -> Inject:
+    return calls(lambda world: world.controller.servo.set_limits(_limits(world, velocity=share)))
+
+
 def _short_limits(world: World) -> JointLimits:
     return JointLimits(*(getattr(world.robot.limits, name)[:-1] for name in LIMITS))
 
@@ -179,7 +183,7 @@ def faults() -> Iterator[Fault]:
     )
     yield one("another mapping of the hand", calls(_mapping), everywhere(is_safe()), recouples=True, far=True)
     for name, share in (("half", 0.5), ("a tenth of", 0.1)):
-        slower = calls(lambda w, s=share: w.controller.servo.set_limits(_limits(w, velocity=s)))
+        slower = _slower(share)
         yield one(f"{name} the velocity limits from now on", slower, everywhere(is_safe()), far=True)
     softer = calls(lambda w: w.controller.servo.set_limits(_limits(w, 0.8, 1.0, 0.5)))
     yield one("softer limits from now on", softer, everywhere(is_safe()), far=True)

@@ -9,7 +9,7 @@ import numpy as np
 from optsc.control.modes import Mode
 from optsc.control.status import Status
 from optsc.robot import RobotModel
-from optsc.study.faults.answers import answered, tool_error
+from optsc.study.faults.answers import answered, follows, tool_error
 from optsc.study.faults.run import SETTLED, Record, Row
 
 TOLERANCE = 1e-9
@@ -44,7 +44,9 @@ def problems(robot: RobotModel, period: float, record: Record) -> list[str]:
 def broken_limits(period: float, record: Record, rows: list[Row]) -> Iterator[str]:
     """Yield which finite differences of the commands break a limit, or do not belong to one motion."""
     commands = [row.step.command for row in rows if row.step is not None]
-    q, v, a = (np.vstack([record.first[:, i], *(c[i] for c in commands)]) for i in range(3))
+    q = np.vstack([record.first[:, 0], *(c.q for c in commands)])
+    v = np.vstack([record.first[:, 1], *(c.v for c in commands)])
+    a = np.vstack([record.first[:, 2], *(c.a for c in commands)])
     limits = [row.limits for row in rows]
     if record.fault.restarts:
         q, v, a, limits, rows = q[1:], v[1:], a[1:], limits[1:], rows[1:]
@@ -107,5 +109,5 @@ def no_use(robot: RobotModel, record: Record) -> Iterator[str]:
                 f"led on, the tool is {1e3 * distance:.1f} mm and {1e3 * angle:.0f} mrad off, "
                 f"{step.command.status.name}: {step.reason}"
             )
-        elif step.command.status is not Status.FOLLOWING:
+        elif not follows(record.fault, step):
             yield f"led on, the tool is there and the status {step.command.status.name}: {step.reason}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from math import inf, pi
+from typing import Any
 
 import numpy as np
 
@@ -87,7 +88,8 @@ def _back_turned(_: World, rng: np.random.Generator) -> Injection:
 
 def _lost(_: float, sample: OperatorSample) -> OperatorSample | None:
     """The device says that it is gone; one that cannot say so is silent."""
-    return sample._replace(lost=True) if "lost" in sample._fields else None
+    fields: dict[str, Any] = {"lost": True}
+    return sample._replace(**fields) if "lost" in sample._fields else None
 
 
 def _ahead_then_silent(elapsed: float, sample: OperatorSample) -> OperatorSample | None:
@@ -102,7 +104,8 @@ def _chatter(of: str) -> Inject:
 
         def hand(_: float, sample: OperatorSample) -> OperatorSample:
             count.append(None)
-            return sample._replace(**{of: len(count) // 5 % 2 == 0})
+            closed: dict[str, Any] = {of: len(count) // 5 % 2 == 0}
+            return sample._replace(**closed)
 
         return Injection(hand=hand)
 

@@ -316,7 +316,13 @@ def _law(replacement: type) -> Inject:
                 return sample._replace(buttons=buttons)
             return sample._replace(trigger=0.6 < elapsed < 0.7)
 
-        return Injection(start=lambda _: patched.start(), end=lambda _: patched.stop() and None, hand=hand)
+        def start(_: World) -> None:
+            patched.start()
+
+        def end(_: World) -> None:
+            patched.stop()
+
+        return Injection(start=start, end=end, hand=hand)
 
     return inject
 

@@ -58,7 +58,7 @@ NO_READINGS: dict[str, Reading] = {
     "one joint infinite": _first(INF),
     "one joint at 1e300": _first(1e300),
     "all not a number": lambda s: FollowerState(NAN, NAN * s.q, NAN * s.v, NAN),
-    "positions that raise": lambda s: s._replace(q=Raises()),
+    "positions that raise": lambda s: FollowerState(s.time, Raises(), s.v, s.opening),  # type: ignore[arg-type]
 }
 """What is no reading."""
 LASTING = tuple(NO_READINGS)

@@ -10,7 +10,7 @@ import numpy as np
 
 from optsc.control.controller_state import ControlStep
 from optsc.control.modes import Mode
-from optsc.errors import InvalidValue
+from optsc.control.status import error_text
 from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.operators import Button, OperatorSample
@@ -245,13 +245,13 @@ class _Run:
         before = world.controller.snapshot()
         step: ControlStep | None = None
         try:
-            step = world.tick(sample, measured, now)
+            step = world.controller.step(sample, measured, now=now)
+            world.follow(step)
         except KeyboardInterrupt:
             record.interrupted = world.controller.snapshot() == before
-        except InvalidValue as error:
-            record.exception = f"the follower refuses a command: {error}" if "q" in error.field else repr(error)
         except Exception as error:  # noqa: BLE001 - what comes out of `step` is what is tested
-            record.exception = f"{type(error).__name__}: {error}"
+            whose = "" if step is None else "by the arm, which refuses the command: "
+            record.exception = whose + error_text(error)
         operator, controller = self.operator, world.controller
         record.rows.append(
             Row(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -54,6 +53,8 @@ AFTER: Mapping[Mode, float] = {
     Mode.CARRY: 0.2,
 }
 """How long after a mode has begun its snapshot is taken [s]."""
+MODES = tuple(AFTER)
+"""Modes that a fault is done in."""
 LONGEST_MODE = 8.0
 """A mode that takes longer [s] is not left as it should be."""
 
@@ -116,7 +117,6 @@ class World:
             clutch=ClutchSettings(R_WS=R_WS),
             avoid=UserAvoidance(self.hooks),
         )
-        self.knows_time = "now" in inspect.signature(self.controller.step).parameters
         self.arm = ArmWithJaws(self.robot)
         self.candidates = scene(self.robot)
         self.controller.reset(self.robot.home, rate)
@@ -142,12 +142,13 @@ class World:
 
     def tick(self, sample: Any, measured: Any, now: Any = None) -> ControlStep:
         """Let the controller do one tick, and the arm follow it."""
-        if now is not None and self.knows_time:
-            step = self.controller.step(sample, measured, now=now)
-        else:
-            step = self.controller.step(sample, measured)
-        self.arm.apply(step.command.q, step.command.v, step.opening, self.period)
+        step = self.controller.step(sample, measured, now=now)
+        self.follow(step)
         return step
+
+    def follow(self, step: ControlStep) -> None:
+        """Let the arm follow a command; raise `InvalidValue` for one that is none."""
+        self.arm.apply(step.command.q, step.command.v, step.opening, self.period)
 
     def in_world(self, hand: Pose) -> Pose:
         """Return a hand in S in the world's axes."""
