@@ -12,7 +12,7 @@ from optsc.control.modes import Mode
 from optsc.control.status import Status
 from optsc.errors import InvalidValue, UnknownName
 from optsc.study.faults.arms import ARMS, FOREIGN, arm
-from optsc.study.faults.bench import MODES, Case, FaultTest, Outcome, bench, seed_of
+from optsc.study.faults.bench import MODES, Case, CaseResult, FaultTest, bench, seed_of
 from optsc.study.faults.catalogue import FAULTS, chosen
 from optsc.study.faults.check import problems
 from optsc.study.faults.fault import (
@@ -199,7 +199,7 @@ def test_arms_modes_rates_and_seeds_that_are_none_are_refused():
 
 def test_the_table_counts_runs_and_failures_by_kind_and_mode():
     case = Case("panda", "manual", "some", 0, 250.0)
-    test = FaultTest([Outcome(case, "clock", "goes on", ()), Outcome(case, "clock", "goes on", ("raised it",))])
+    test = FaultTest([CaseResult(case, "clock", "goes on", ()), CaseResult(case, "clock", "goes on", ("raised it",))])
     assert test.table() == {"clock": {"manual": (2, 1)}}
     assert not test.passed
     assert not FaultTest().passed

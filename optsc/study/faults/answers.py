@@ -13,13 +13,13 @@ from optsc.geometry import Pose, rotation
 from optsc.geometry.rotation import Array
 from optsc.robot import RobotModel
 from optsc.study.faults.fault import Answer, Fault
-from optsc.study.faults.run import ENGAGES, Record, Row
+from optsc.study.faults.run import ENGAGES, Record, RunRow
 
 AT_REST = 1e-6
 """Joint speed [rad/s] below which an arm has come to rest."""
 
 
-def tool_error(robot: RobotModel, row: Row, X_WT: Pose) -> tuple[float, float]:
+def tool_error(robot: RobotModel, row: RunRow, X_WT: Pose) -> tuple[float, float]:
     """Return distance [m] and angle [rad] of the tool to where the hand leads it.
 
     Who takes over leads the tool on as it is, or to the orientation of the hand; both are right.
@@ -59,7 +59,7 @@ def answered(robot: RobotModel, record: Record) -> Iterator[str]:
     yield from _ANSWERS[answer.name](robot, record, rows, answer)
 
 
-def _goes_on(robot: RobotModel, record: Record, rows: list[Row], answer: Answer) -> Iterator[str]:
+def _goes_on(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answer) -> Iterator[str]:
     by_hand = record.mode in (Mode.HOLD, Mode.MANUAL)
     for row in rows:
         step = row.step
@@ -82,21 +82,21 @@ def _goes_on(robot: RobotModel, record: Record, rows: list[Row], answer: Answer)
         yield f"does not follow at the end: {step.command.status.name}, {step.reason}"
 
 
-def _rests(robot: RobotModel, record: Record, rows: list[Row], answer: Answer) -> Iterator[str]:
+def _rests(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answer) -> Iterator[str]:
     yield from _at_rest(rows, (record.mode,))
 
 
-def _holds(robot: RobotModel, record: Record, rows: list[Row], answer: Answer) -> Iterator[str]:
+def _holds(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answer) -> Iterator[str]:
     yield from _at_rest(rows, (Mode.HOLD,))
     yield from _says(rows[-1].step, answer)
 
 
-def _stops(robot: RobotModel, record: Record, rows: list[Row], answer: Answer) -> Iterator[str]:
+def _stops(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answer) -> Iterator[str]:
     yield from _at_rest(rows, (Mode.HOLD, Mode.MANUAL))
     yield from _says(rows[-1].step, answer)
 
 
-def _stays(robot: RobotModel, record: Record, rows: list[Row], answer: Answer) -> Iterator[str]:
+def _stays(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answer) -> Iterator[str]:
     left = next((row for row in rows if row.step is not None and row.step.mode is not Mode.HOLD), None)
     if left is not None and left.step is not None:
         yield f"leaves hold at {left.time:.3f} s for {left.step.mode.value}"
@@ -104,14 +104,14 @@ def _stays(robot: RobotModel, record: Record, rows: list[Row], answer: Answer) -
         yield from _holds(robot, record, rows, answer)
 
 
-def _is_safe(robot: RobotModel, record: Record, rows: list[Row], answer: Answer) -> Iterator[str]:
+def _is_safe(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answer) -> Iterator[str]:
     step = rows[-1].step
     engaged = record.mode is not Mode.HOLD
     if step is not None and engaged and step.mode is Mode.HOLD and not step.reason:
         yield "holds without a reason"
 
 
-def _at_rest(rows: list[Row], modes: tuple[Mode, ...]) -> Iterator[str]:
+def _at_rest(rows: list[RunRow], modes: tuple[Mode, ...]) -> Iterator[str]:
     step = rows[-1].step
     if step is None:
         return
@@ -128,7 +128,7 @@ def _says(step: ControlStep | None, answer: Answer) -> Iterator[str]:
         yield f"the reason says {step.reason!r}, nothing of {' / '.join(answer.says)}"
 
 
-_ANSWERS: dict[str, Callable[[RobotModel, Record, list[Row], Answer], Iterator[str]]] = {
+_ANSWERS: dict[str, Callable[[RobotModel, Record, list[RunRow], Answer], Iterator[str]]] = {
     "goes on": _goes_on,
     "rests": _rests,
     "holds": _holds,

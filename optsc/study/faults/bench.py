@@ -45,7 +45,7 @@ class Case(NamedTuple):
         )
 
 
-class Outcome(NamedTuple):
+class CaseResult(NamedTuple):
     """What came of a case: what is wrong, in words; empty where nothing is."""
 
     case: Case
@@ -58,10 +58,10 @@ class Outcome(NamedTuple):
 class FaultTest:
     """What a test has found so far."""
 
-    outcomes: list[Outcome] = field(default_factory=list)
+    outcomes: list[CaseResult] = field(default_factory=list)
 
     @property
-    def failures(self) -> list[Outcome]:
+    def failures(self) -> list[CaseResult]:
         """The outcomes with problems."""
         return [outcome for outcome in self.outcomes if outcome.problems]
 
@@ -123,13 +123,13 @@ class Worlds:
         return self._made[key]
 
 
-def outcome(worlds: Worlds, case: Case) -> Outcome:
+def outcome(worlds: Worlds, case: Case) -> CaseResult:
     """Return what comes of a case: a pure function of the case."""
     fault, mode = FAULTS[case.fault], Mode(case.mode)
     here = worlds.of(case.arm, fault)
     record = run(here, mode, fault, seed_of(case))
     found = problems(here.robot, here.period, record)
-    return Outcome(case, fault.kind, fault.expected.of(mode).words, tuple(found))
+    return CaseResult(case, fault.kind, fault.expected.of(mode).words, tuple(found))
 
 
 def cases(
@@ -143,7 +143,7 @@ def cases(
                     yield Case(arm, mode, fault.name, seed, rate)
 
 
-def _some(many: Sequence[Case]) -> list[Outcome]:
+def _some(many: Sequence[Case]) -> list[CaseResult]:
     logging.disable(logging.ERROR)
     worlds = Worlds(many[0].rate)
     return [outcome(worlds, case) for case in many]
@@ -192,7 +192,7 @@ def bench(
     return test
 
 
-def _in_parts(todo: list[Case], workers: int) -> Iterator[list[Outcome]]:
+def _in_parts(todo: list[Case], workers: int) -> Iterator[list[CaseResult]]:
     size = 200
     parts = [todo[k : k + size] for k in range(0, len(todo), size)]
     if workers == 0:

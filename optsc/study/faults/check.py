@@ -10,7 +10,7 @@ from optsc.control.modes import Mode
 from optsc.control.status import Status
 from optsc.robot import RobotModel
 from optsc.study.faults.answers import answered, follows, tool_error
-from optsc.study.faults.run import SETTLED, Record, Row
+from optsc.study.faults.run import SETTLED, Record, RunRow
 
 TOLERANCE = 1e-9
 """What is taken for rounding, in the unit of each limit."""
@@ -41,7 +41,7 @@ def problems(robot: RobotModel, period: float, record: Record) -> list[str]:
     return found
 
 
-def broken_limits(period: float, record: Record, rows: list[Row]) -> Iterator[str]:
+def broken_limits(period: float, record: Record, rows: list[RunRow]) -> Iterator[str]:
     """Yield which finite differences of the commands break a limit, or do not belong to one motion."""
     commands = [row.step.command for row in rows if row.step is not None]
     q = np.vstack([record.first[:, 0], *(c.q for c in commands)])
@@ -73,7 +73,7 @@ def broken_limits(period: float, record: Record, rows: list[Row]) -> Iterator[st
         yield "the velocity of the last command is above the limits that were set"
 
 
-def untruths(robot: RobotModel, rows: list[Row]) -> Iterator[str]:
+def untruths(robot: RobotModel, rows: list[RunRow]) -> Iterator[str]:
     """Yield where "following" or "finished" was said and was not so."""
     for row in rows:
         step = row.step

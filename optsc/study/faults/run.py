@@ -36,7 +36,7 @@ class HalfDoneError(Exception):
 
 
 @dataclass(eq=False)
-class Row:
+class RunRow:
     """One tick of a run.
 
     Attributes:
@@ -80,7 +80,7 @@ class Record:
     fault: Fault
     mode: Mode
     first: Array
-    rows: list[Row] = field(default_factory=list)
+    rows: list[RunRow] = field(default_factory=list)
     again: int = 0
     exception: str | None = None
     jump: float = 0.0
@@ -254,7 +254,7 @@ class _Run:
             record.exception = whose + error_text(error)
         operator, controller = self.operator, world.controller
         record.rows.append(
-            Row(
+            RunRow(
                 time,
                 step,
                 world.arm.now.state.q,
