@@ -7,17 +7,21 @@ its own clock, and drives the servo.
 
 from __future__ import annotations
 
+from math import degrees, hypot
 from typing import NamedTuple, Protocol
 
 from optsc.control.approach import Approach, PathTarget, StraightPath
 from optsc.control.arbitration import Goal
 from optsc.control.fine_tuning import Shift
+from optsc.control.measured_arm import MeasuredArm
 from optsc.control.modes import Event
 from optsc.control.servo import Servo
 from optsc.control.status import Command, Status
+from optsc.geometry import scalar
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
-from optsc.operators.clutch import ClutchSettings, ClutchState, Hand, engage, follow, jumped
+from optsc.operators.clutch import ClutchSettings, ClutchState, Hand, engage, follow
+from optsc.operators.jumps import TrackedHand
 from optsc.operators.smoothing import SmoothedHand, Smoothing, begin, smoothed
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
@@ -26,7 +30,7 @@ STANDSTILL = (_ZERO, _ZERO, _ZERO, _ZERO)
 
 
 class HandInput(NamedTuple):
-    """What the operator's hand asks for at this tick, and which objects may be intended.
+    """What the operator's hand asks for at this tick, which objects may be intended, and where the arm is.
 
     Attributes:
         hand: the newest good sample.
@@ -34,6 +38,7 @@ class HandInput(NamedTuple):
         clutch: whether it is coupled to the arm.
         goals: objects that may be intended, for policies that assist.
         gap: by how much the most probable of them leads.
+        arm: where the arm is measured to be.
     """
 
     hand: Hand | None
@@ -41,6 +46,7 @@ class HandInput(NamedTuple):
     clutch: bool
     goals: tuple[Goal, ...] = ()
     gap: float = 0.0
+    arm: MeasuredArm = MeasuredArm()
 
 
 class Assistance(NamedTuple):
@@ -76,14 +82,6 @@ class Activity(Protocol):
         ...
 
 
-class Resting(NamedTuple):
-    """Come to rest and stay there."""
-
-    def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
-        """Do one tick; see `Activity`."""
-        return self, Outcome(servo.stop())
-
-
 class Coupled(NamedTuple):
     """The pose that a coupled hand asks for, when, whether it was coupled again, and why, where that is a message."""
 
@@ -102,34 +100,61 @@ class Coupling(NamedTuple):
         smoothing: of the hand, if any.
         clutch: the clutch while it is closed.
         smooth: the filter of the hand.
+        motion: of the hand while it is coupled, to tell jumps from it.
+        keeps_offset: whether the next hand keeps the orientation that it has to the tool: the operator has not wished
+            for another, as the hand had jumped, was lost, or is at a grasp.
     """
 
     settings: ClutchSettings
     smoothing: Smoothing | None = None
     clutch: ClutchState | None = None
     smooth: SmoothedHand | None = None
+    motion: TrackedHand | None = None
+    keeps_offset: bool = False
 
     def released(self) -> Coupling:
-        """Return the coupling with an open clutch: the next hand is coupled again, wherever it is."""
-        return self if self.clutch is None else self._replace(clutch=None)
+        """Return the coupling after the operator has opened the clutch: the next hand is coupled again from there.
 
-    def after(self, hand: Hand, at: tuple[Vector, Quaternion]) -> tuple[Coupling, Coupled]:
+        A clutch that was open when the hand was to take over at a grasp still keeps the offset when it closes.
+        """
+        if self.motion is None:
+            return self
+        return Coupling(self.settings, self.smoothing)
+
+    def lost(self) -> Coupling:
+        """Return the coupling without its hand: the next one is coupled again, wherever it is, and keeps its offset."""
+        if self.clutch is None and self.keeps_offset:
+            return self
+        return self._replace(clutch=None, keeps_offset=True)
+
+    def after(
+        self, hand: Hand, at: tuple[Vector, Quaternion], longest_gap: float = float("inf")
+    ) -> tuple[Coupling, Coupled]:
         """Return the coupling and the pose after a new sample.
 
-        ``at`` is the pose to couple the hand to where it is not coupled.
+        ``at`` is the pose to couple the hand to where it is not coupled; a hand that comes back after more than
+        ``longest_gap`` [s] was lost.
         """
-        settings, smoothing, clutch, smooth = self
-        leapt = clutch is not None and jumped(settings, clutch, hand)
-        if clutch is None or smooth is None or leapt:
-            clutch = engage(settings, hand, *at)
-            reason = "the hand jumped and was coupled again" if leapt else ""
+        settings, smoothing, clutch, smooth, motion, keeps = self
+        reason = ""
+        if clutch is not None and motion is not None:
+            if hand.stamp - motion.hand.stamp > longest_gap:
+                reason = "the hand was lost and is coupled again"
+            elif motion.jumps(settings, hand):
+                reason = "the hand jumped and was coupled again"
+        if clutch is None or smooth is None or motion is None or reason:
+            keeps = keeps or bool(reason)
+            clutch = engage(settings, hand, *at, keeps)
             coupled = Coupled(clutch.tool_p, clutch.tool_q, hand.stamp, True, reason)
-            return Coupling(settings, smoothing, clutch, begin(hand)), coupled
+            tracked = TrackedHand(hand) if motion is None else TrackedHand(hand, interval=motion.interval)
+            return Coupling(settings, smoothing, clutch, begin(hand), tracked, keeps), coupled
+        motion = motion.after(hand)
         if smoothing is not None:
             smooth = smoothed(smoothing, smooth, hand)
             hand = smooth.hand
         clutch = follow(settings, clutch, hand)
-        return Coupling(settings, smoothing, clutch, smooth), Coupled(clutch.tool_p, clutch.tool_q, hand.stamp)
+        after = Coupling(settings, smoothing, clutch, smooth, motion, keeps)
+        return after, Coupled(clutch.tool_p, clutch.tool_q, hand.stamp)
 
 
 class Following(NamedTuple):
@@ -144,7 +169,7 @@ class Following(NamedTuple):
             return self._with(self.coupling.released()), Outcome(servo.stop())
         coupling, reason = self.coupling, ""
         if hand.new:
-            coupling, coupled = coupling.after(hand.hand, servo.reference)
+            coupling, coupled = coupling.after(hand.hand, servo.reference, servo.settings.timeout)
             if coupled.again:
                 servo.forget()
             servo.observe(coupled.p, coupled.q, coupled.stamp)
@@ -152,11 +177,37 @@ class Following(NamedTuple):
         command = servo.tick()
         if command.status is Status.STALE:
             # The hand may come back anywhere: it is then coupled again, from rest.
-            coupling = coupling.released()
+            coupling = coupling.lost()
         return self._with(coupling), Outcome(command, reason=reason)
 
     def _with(self, coupling: Coupling) -> Following:
         return self if coupling is self.coupling else Following(coupling)
+
+
+class Missing(NamedTuple):
+    """How far the measured tool is from where it should be: distance and angle [m, rad]."""
+
+    distance: float
+    angle: float
+
+    @classmethod
+    def of(cls, servo: Servo, arm: MeasuredArm, p: Vector, q: Quaternion) -> Missing | None:
+        """Return it for the pose ``p``, ``q``; None while the readings of the arm are not believed."""
+        if arm.q is None or not arm.believed:
+            return None
+        X_WT = servo.robot.forward(arm.q)
+        x, y, z = X_WT.translation.tolist()
+        turn = scalar.multiply(tuple(X_WT.quaternion.tolist()), scalar.conjugate(q))
+        return cls(hypot(x - p[0], y - p[1], z - p[2]), scalar.angle(turn))
+
+    def within(self, settings: Approach) -> bool:
+        """Tell whether that counts as arrived."""
+        distance, angle = settings.measured_tolerance
+        return self.distance < distance and self.angle < angle
+
+    def __str__(self) -> str:
+        angle = degrees(self.angle)
+        return f"the tool is measured {1e3 * self.distance:.0f} mm and {angle:.1f}° from the end of the path"
 
 
 class Travelling(NamedTuple):
@@ -209,10 +260,17 @@ class Travelling(NamedTuple):
             return Travelling(settings, path, end, shift, ticks - 1), Outcome(command)
         x, y, z, a, b, c = command.error.tolist()
         near = max(abs(x), abs(y), abs(z)) < settings.position_tolerance
-        if near and max(abs(a), abs(b), abs(c)) < settings.angle_tolerance:
+        near = near and max(abs(a), abs(b), abs(c)) < settings.angle_tolerance
+        late = time > path.duration + settings.settle_time
+        if not near and not late:
+            return after, Outcome(command)
+        # The command is where it should be; that the arm is there too, only a measurement can tell.
+        missing = Missing.of(servo, hand.arm, target.p, target.q)
+        if near and missing is not None and missing.within(settings):
             return after, Outcome(command, Event.ARRIVED)
-        if time > path.duration + settings.settle_time:
-            reason = f"stuck on the path: {command.reason or 'the arm lags behind'}"
+        if late:
+            measured = "the arm's readings are not believed" if missing is None else str(missing)
+            reason = f"stuck on the path: {command.reason or 'the arm lags behind'}; {measured}"
             return after, Outcome(command, Event.FAULT, reason)
         return after, Outcome(command)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import hypot
 from typing import Annotated, NamedTuple
 
-from optsc.checks import Checked, Positive
+from optsc.checks import Checked, Pair, Positive
 from optsc.geometry import scalar
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.shaping import TimeLaw
@@ -24,7 +24,8 @@ class Approach(Checked):
         lift: height to lift an object to [m].
         carry_time: how long an object is carried before the task counts as finished [s].
         settle_time: how long the arm may take to catch up at the end of a path before that is a fault [s].
-        position_tolerance, angle_tolerance: what counts as arrived [m, rad].
+        position_tolerance, angle_tolerance: what counts as arrived, of the command [m, rad].
+        measured_tolerance: what counts as arrived, of the tool as it is measured [m, rad]: more than the arm sags.
     """
 
     speed: Annotated[float, Positive] = 0.1
@@ -37,6 +38,7 @@ class Approach(Checked):
     settle_time: Annotated[float, Positive] = 1.0
     position_tolerance: Annotated[float, Positive] = 1e-3
     angle_tolerance: Annotated[float, Positive] = 1e-2
+    measured_tolerance: Annotated[tuple[float, float], Pair] = (5e-3, 0.04)
 
 
 class PathTarget(NamedTuple):

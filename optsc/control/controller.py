@@ -9,16 +9,18 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from optsc.checks import NonNegative, require
-from optsc.control.activities import HandInput, Resting
+from optsc.control.activities import Following, HandInput
 from optsc.control.approach import Approach
 from optsc.control.arbitration import Arbitration, Trigger
 from optsc.control.controller_state import ControllerSnapshot, ControllerState, ControlStep
-from optsc.control.events import LARGEST_LAG, Parts, happening, lag, leading_hand, tuned
+from optsc.control.events import Parts, happening, leading_hand, tuned
 from optsc.control.fine_tuning import FineTuning
 from optsc.control.grasp_choice import GraspChoice, displaced
+from optsc.control.holding import Holding
 from optsc.control.jaws import JawSettings
+from optsc.control.measured_arm import MeasuredArm, TrackingTolerance, opening_of
 from optsc.control.mode_entry import ModeSettings, activity_of, after_event, touchable
-from optsc.control.modes import Event, Mode, next_mode
+from optsc.control.modes import Event, Mode
 from optsc.control.placing import PlaceSettings
 from optsc.control.policies import Alternating
 from optsc.control.servo import Servo, ServoSettings
@@ -59,6 +61,7 @@ class SharedController:
         servo: how targets are followed.
         solver: name of the QP solver.
         avoid: what the arm keeps clear of, with obstacles named like the objects; the hand may touch what it grasps.
+        tracking: how far the arm may be off its command, and when a reading of it is believed.
         grasp_within: distance and angle to a grasp [m, rad] within which the trigger closes the jaws, where that is
             what it does; None for anywhere.
         jaws: what their measured opening means.
@@ -87,6 +90,7 @@ class SharedController:
         servo: ServoSettings | None = None,
         solver: str = "daqp",
         avoid: Avoidance | None = None,
+        tracking: TrackingTolerance | None = None,
         grasp_within: tuple[float, float] | None = (0.03, 0.35),
         jaws: JawSettings | None = None,
         place: PlaceSettings | None = None,
@@ -112,7 +116,8 @@ class SharedController:
         if intent is None and (self.arbitration.assists or self.arbitration.trigger is Trigger.GRASPS):
             intent = IntentSettings()
         self._choice = GraspChoice(robot, selector, self.approach, intent, self.arbitration.aim)
-        self.state = ControllerState(clutch or ClutchSettings(), smoothing, self._modes.open)
+        arm = MeasuredArm(tracking or TrackingTolerance())
+        self.state = ControllerState(clutch or ClutchSettings(), smoothing, self._modes.open, arm=arm)
         self.reset(robot.home)
 
     def reset(self, q: ArrayLike, rate: float = 500.0) -> None:
@@ -121,7 +126,8 @@ class SharedController:
         servo.reset(q)
         self.servo = servo
         self.selector.forget()
-        self.state = ControllerState(self.state.clutch, self.state.smoothing, self._modes.open)
+        clutch, smoothing, arm = self.state.clutch, self.state.smoothing, MeasuredArm(self.state.arm.tolerance)
+        self.state = ControllerState(clutch, smoothing, self._modes.open, arm=arm)
         if self._avoid is not None:
             self._avoid.hand_may_touch()
 
@@ -198,13 +204,18 @@ class SharedController:
         hand = self.state.monitor.hand
         if hand is None:
             return
-        self.couple_by(recentred(self.clutch, hand, self.servo.reference[1]), self.state.smoothing)
+        self._set(clutch=recentred(self.clutch, hand, self.servo.reference[1]))
+        self._couple_again()
 
     def couple_by(self, clutch: ClutchSettings, smoothing: Smoothing | None) -> None:
         """Map and smooth the hand in another way from now on. In manual mode it is coupled again: the target stays."""
         self._set(clutch=clutch, smoothing=smoothing)
+        activity = self.state.activity
+        self._couple_again(isinstance(activity, Following) and activity.coupling.keeps_offset)
+
+    def _couple_again(self, keeps_offset: bool = False) -> None:
         if self.mode is Mode.MANUAL:
-            self._set(activity=activity_of(self._modes, self.state, self.servo))
+            self._set(activity=activity_of(self._modes, self.state, self.servo, keeps_offset))
 
     def step(self, sample: OperatorSample | None, measured: FollowerState, now: float | None = None) -> ControlStep:
         """Do one tick; never raises.
@@ -237,20 +248,17 @@ class SharedController:
         if given.new:
             self._set(monitor=monitor)
         modes = self._modes
-        jaws, change = self.state.jaws.updated(modes.jaws, modes.open, self.servo.period, measured.opening)
-        self._set(jaws=jaws)
+        jaws, change = self.state.jaws.updated(modes.jaws, modes.open, self.servo.period, opening_of(measured))
+        elapsed = self.servo.period + self.servo.state.loop.late
+        self._set(jaws=jaws, arm=self.state.arm.updated(self.robot, elapsed, measured))
         parts = Parts(modes, self._choice, self.servo, self._within, self._debounce)
-        self.state, event, reason = happening(parts, self.state, given, measured, change)
-        leaves_hold = self.mode is Mode.HOLD and next_mode(Mode.HOLD, event) is not Mode.HOLD
-        if leaves_hold and lag(self.servo, measured) > LARGEST_LAG:
-            # Something stopped the arm. It goes on from where it is: its old command would push it there again.
-            self.servo.reset_configuration(measured.q)
+        self.state, event, reason = happening(parts, self.state, given, change)
         self._change(event)
         self.state, untunable = tuned(parts, self.state, given)
         reason = reason or untunable
         time, mode, choice = self.time, self.mode, self.state.choice
-        hand = HandInput(monitor.hand, given.new, monitor.clutch, choice.goals, choice.belief.gap)
-        activity, outcome = self.state.activity.step(self.servo, hand, measured.opening)
+        hand = HandInput(monitor.hand, given.new, monitor.clutch, choice.goals, choice.belief.gap, self.state.arm)
+        activity, outcome = self.state.activity.step(self.servo, hand, opening_of(measured))
         if activity is not self.state.activity:
             self._set(activity=activity)
         if outcome.event is not None:
@@ -288,7 +296,7 @@ class SharedController:
             _LOG.error("a control tick failed; the arm comes to rest", exc_info=error)
         command = self.servo.timed(self.servo.halt(reason))
         self.servo.forget()
-        self._set(mode=Mode.HOLD, entered=self.time, activity=Resting(), target=None, tuning=None, failure=reason)
+        self._set(mode=Mode.HOLD, entered=self.time, activity=Holding(), target=None, tuning=None, failure=reason)
         state = self.state
         return ControlStep(
             *(time, Mode.HOLD, Event.FAULT, command, state.opening, self.ranking, None, reason), held=state.held

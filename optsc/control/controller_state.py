@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
-from optsc.control.activities import Activity, Assistance, Resting
+from optsc.control.activities import Activity, Assistance
 from optsc.control.fine_tuning import Tuning
 from optsc.control.grasp_choice import ChoiceState
+from optsc.control.holding import Holding
 from optsc.control.jaws import Held, Jaws
+from optsc.control.measured_arm import MeasuredArm
 from optsc.control.modes import Event, Mode
 from optsc.control.operator_input import InputMonitor
 from optsc.control.state import ServoSnapshot, same
@@ -32,6 +34,8 @@ class ControllerState(NamedTuple):
         mode, entered: the control mode, and since when [s].
         activity: what is done in it.
         monitor: the operator's last sample.
+        arm: where the arm is measured to be.
+        wish: how the operator has asked to leave hold, until the arm is ready for it.
         choice: what is known of the grasps and of the intended object.
         target: the grasp that is being executed.
         tuning: the same while the operator may shift it.
@@ -52,8 +56,10 @@ class ControllerState(NamedTuple):
     opening: float
     mode: Mode = Mode.HOLD
     entered: float = 0.0
-    activity: Activity = Resting()
+    activity: Activity = Holding()
     monitor: InputMonitor = InputMonitor()
+    arm: MeasuredArm = MeasuredArm()
+    wish: Event | None = None
     choice: ChoiceState = ChoiceState()
     target: Target | None = None
     tuning: Tuning | None = None

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from optsc.control.activities import Adjusting, Travelling
 from optsc.control.arbitration import Trigger
 from optsc.control.controller_state import ControllerState
 from optsc.control.fine_tuning import hand_nudge
 from optsc.control.grasp_choice import GraspChoice
+from optsc.control.holding import Holding, unready
 from optsc.control.jaws import GripStatus, JawChange
+from optsc.control.measured_arm import tracking_error
 from optsc.control.mode_entry import ModeSettings, pose_of, released
 from optsc.control.modes import TRANSITIONS, Event, Mode
 from optsc.control.operator_input import OperatorInput
 from optsc.control.servo import Servo
-from optsc.followers.protocol import FollowerState
 from optsc.operators import Button
 from optsc.operators.clutch import Hand
 
-LARGEST_LAG = 0.3
-"""Difference of measured and commanded joint position [rad] that means the arm does not follow."""
 RETRY = 1.0
 """Time [s] after which a robot that begins by itself tries again, where it found no path."""
 _TUNABLE = (Mode.APPROACH, Mode.ADJUST)
@@ -54,15 +51,13 @@ class Happening(NamedTuple):
     reason: str = ""
 
 
-def happening(
-    parts: Parts, state: ControllerState, given: OperatorInput, measured: FollowerState, change: JawChange
-) -> Happening:
+def happening(parts: Parts, state: ControllerState, given: OperatorInput, change: JawChange) -> Happening:
     """Return what happens at this tick before anything moves; ``change`` is what the opening of the jaws has told.
 
     Jaws come after what the operator does, unless that means nothing in the present mode.
     """
     state, given = _debounced(parts, state, given)
-    found = _by_operator(parts, state, given, measured)
+    found = _by_operator(parts, state, given)
     if found.event is Event.FAULT or (state.mode, found.event) in TRANSITIONS:
         return found
     event, reason = _by_jaws(parts, found.state, change)
@@ -93,8 +88,8 @@ def _by_jaws(parts: Parts, state: ControllerState, change: JawChange) -> tuple[E
     return change
 
 
-def _by_operator(parts: Parts, state: ControllerState, given: OperatorInput, measured: FollowerState) -> Happening:
-    fault = _fault(parts.servo, state, measured)
+def _by_operator(parts: Parts, state: ControllerState, given: OperatorInput) -> Happening:
+    fault = _fault(parts.servo, state)
     if fault:
         return Happening(state._replace(doubt=""), Event.FAULT, fault)
     event, reason = given.event, given.reason
@@ -104,16 +99,13 @@ def _by_operator(parts: Parts, state: ControllerState, given: OperatorInput, mea
         return Happening(state, Event.FAULT, "the operator's samples have stopped")
     if event is Event.FAULT:
         return Happening(state, event, reason)
+    if state.mode is Mode.HOLD:
+        return _asked_to_go_on(parts, state, given, silent)
     if state.mode is Mode.MANUAL:
         return _by_hand(parts, state, event, given)
     if event is not Event.TRIGGERED and given.pressed:
         return _by_button(parts, state, event, given.pressed)
     return Happening(state, event, reason)
-
-
-def lag(servo: Servo, measured: FollowerState) -> float:
-    """Return how far the joint furthest from its command is from it [rad]."""
-    return float(np.abs(servo.robot.difference(measured.q, servo.guard.q)).max())
 
 
 def leading_hand(state: ControllerState) -> Hand | None:
@@ -140,17 +132,37 @@ def tuned(parts: Parts, state: ControllerState, given: OperatorInput) -> tuple[C
     return state._replace(tuning=tuning, target=target, activity=activity), reason
 
 
-def _fault(servo: Servo, state: ControllerState, measured: FollowerState) -> str:
-    n = servo.robot.n
-    if (shape := getattr(measured.q, "shape", None)) != (n,):
-        return f"the measured configuration has the shape {shape}, not ({n},)"
-    behind = lag(servo, measured)
-    if behind != behind:
-        return "the measured configuration is not finite"
-    # While holding it is known already, and must not keep the operator from leading the arm away.
-    if behind > LARGEST_LAG and state.mode is not Mode.HOLD:
-        return f"the arm is {behind:.2f} rad off its command"
+def _fault(servo: Servo, state: ControllerState) -> str:
+    arm = state.arm
+    # While holding it is known already, and no event.
+    if state.mode is not Mode.HOLD:
+        if arm.silent:
+            return arm.doubt
+        if arm.q is not None and arm.believed:
+            behind = tracking_error(servo.robot, arm.q, servo.guard.q)
+            if behind > arm.tolerance.fault:
+                return f"the arm is {behind:.2f} rad off its command"
     return state.doubt
+
+
+def _asked_to_go_on(parts: Parts, state: ControllerState, given: OperatorInput, silent: bool) -> Happening:
+    """Return whether hold is left: as soon as the operator has asked for it, still does, and the arm is ready.
+
+    Who closes the clutch meanwhile need not do it again.
+    """
+    monitor, reason = state.monitor, given.reason
+    wish = state.wish if given.event is None else given.event
+    if silent or not (monitor.clutch or monitor.trigger):
+        wish = None
+    obstacle = unready(state.activity, parts.servo, state.arm)
+    if wish is not None and not obstacle:
+        return Happening(state, wish, reason)
+    asked = _asked_of_jaws(parts, state, given.pressed)
+    if asked is not None:
+        return asked
+    elsewhere = isinstance(state.activity, Holding) and state.activity.elsewhere
+    told = wish is not None or state.arm.silent or elsewhere
+    return Happening(state._replace(wish=wish), None, reason or (obstacle if told else ""))
 
 
 def _by_hand(parts: Parts, state: ControllerState, event: Event | None, given: OperatorInput) -> Happening:

@@ -10,7 +10,6 @@ from optsc.control.activities import (
     Adjusting,
     Coupling,
     Following,
-    Resting,
     Standing,
     Travelling,
 )
@@ -19,6 +18,7 @@ from optsc.control.arbitration import Arbitration
 from optsc.control.assisted import Assisted
 from optsc.control.controller_state import ControllerState
 from optsc.control.fine_tuning import FineTuning, Shift, Tuning, TuningScene, untouched
+from optsc.control.holding import Holding
 from optsc.control.jaws import GripStatus, JawSettings
 from optsc.control.modes import TRANSITIONS, Event, Mode, next_mode
 from optsc.control.placing import Lowering, PlaceSettings
@@ -55,10 +55,15 @@ class ModeSettings(NamedTuple):
 
 
 def after_event(settings: ModeSettings, state: ControllerState, servo: Servo, event: Event | None) -> ControllerState:
-    """Return the state in the mode that follows on an event, if one does; some events begin the same mode again."""
+    """Return the state in the mode that follows on an event, if one does; some events begin the same mode again.
+
+    Hold is not begun again: what its command is being led to does not change by another fault.
+    """
     if event is None or (state.mode, event) not in TRANSITIONS:
         return state
-    mode = next_mode(state.mode, event)
+    mode, before = next_mode(state.mode, event), state.mode
+    if mode is before is Mode.HOLD:
+        return state._replace(wish=None)
     stepped_in = mode is not Mode.HOLD and (state.stepped_in or state.mode.automatic)
     if event is Event.OPENED:
         state = _counted(state)
@@ -69,7 +74,7 @@ def after_event(settings: ModeSettings, state: ControllerState, servo: Servo, ev
     if state.mode is Mode.RETREAT and event is Event.ARRIVED:
         # What was to be done is done: the robot may begin the next by itself.
         stepped_in = False
-    state = state._replace(mode=mode, entered=servo.time, stepped_in=stepped_in)
+    state = state._replace(mode=mode, entered=servo.time, stepped_in=stepped_in, wish=None)
     if mode in (Mode.HOLD, Mode.MANUAL, Mode.PLACE):
         servo.forget()
         state = state._replace(target=None, tuning=None)
@@ -79,19 +84,23 @@ def after_event(settings: ModeSettings, state: ControllerState, servo: Servo, ev
     elif mode is Mode.CLOSE:
         jaws = state.jaws.closing(state.target, servo.reference)
         state = state._replace(opening=0.0, jaws=jaws, counted=False)
-    return state._replace(activity=activity_of(settings, state, servo))
+    # Where the robot is at the object already, a tool that turns to the hand would turn around it.
+    return state._replace(activity=activity_of(settings, state, servo, before in _AT_THE_OBJECT))
 
 
-def activity_of(settings: ModeSettings, state: ControllerState, servo: Servo) -> Activity:
-    """Return the activity that begins with the mode of ``state``; the servo prefers what suits it."""
+def activity_of(settings: ModeSettings, state: ControllerState, servo: Servo, keeps_offset: bool = False) -> Activity:
+    """Return the activity that begins with the mode of ``state``; the servo prefers what suits it.
+
+    In manual mode the hand fades in by the clutch's settings, or ``keeps_offset``, see `Coupling`.
+    """
     mode, target, approach = state.mode, state.target, settings.approach
     if mode is Mode.HOLD:
-        return Resting()
+        return Holding()
     if mode is Mode.MANUAL:
         servo.prefer(settings.robot.home)
         if settings.arbitration.assists:
             return Assisted.begin(settings.arbitration, approach, state.clutch, state.smoothing)
-        return Following(Coupling(state.clutch, state.smoothing))
+        return Following(Coupling(state.clutch, state.smoothing, keeps_offset=keeps_offset))
     if mode is Mode.APPROACH and target is not None:
         servo.prefer(target.q)
         shift = None if state.tuning is None else Shift(state.tuning.settings.speed)

@@ -100,11 +100,6 @@ class Servo:
         """Keep other joint limits from now on, also in motion, see `JointGuard.set_limits`; raise `InvalidValue`."""
         self.guard.set_limits(limits)
 
-    def reset_configuration(self, q: ArrayLike) -> None:
-        """Go on from configuration ``q`` (n,) [rad], at rest, without turning back the clock; raise `InvalidValue`."""
-        self.guard.reset(self.robot.checked(q))
-        self.state = ServoState(self.state.ticks, loop=self.state.loop)
-
     def prefer(self, q: ArrayLike) -> None:
         """Let spare motion go to configuration ``q`` (n,) [rad] from now on; raise `InvalidValue`."""
         self.numbers.preferred[:] = self.robot.checked(q, "preferred configuration")
@@ -257,6 +252,10 @@ class Servo:
     def halt(self, reason: str) -> Command:
         """Move one tick to rest by the joint limits alone, without asking a solver; ``reason`` says what failed."""
         return self._come_to_rest(np.zeros(self.robot.n), Status.UNSOLVED, reason, perf_counter())
+
+    def move(self, velocity: Array) -> Command:
+        """Move one tick towards a joint velocity (n,) [rad/s], within the limits: to lead the command to the arm."""
+        return self._come_to_rest(velocity, Status.LED, "the command is led to where the arm is", perf_counter())
 
     def _start(self) -> None:
         """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""

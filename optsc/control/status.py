@@ -31,6 +31,7 @@ class Status(Enum):
     INVALID = "the target was refused"
     STOPPING = "coming to rest"
     HOLDING = "at rest"
+    LED = "led to where the arm is"
     UNSOLVED = "the solver found no motion"
 
 

@@ -6,7 +6,12 @@ station's rotation that the text leaves out):
     p_WT = p_WT,0 + scale R_WS (p_SH - p_SH,0)
 
 Orientation is either absolute, R_WT = R_WS R_SH, the paper's setting, where the mismatch at engagement fades out by
-SLERP (equation 3); or relative to the point of engagement, the practice elsewhere.
+SLERP (equation 3); or relative to the point of engagement, the practice elsewhere. A hand that jumps, or that comes
+back after it was lost, wishes nothing by that: it is then coupled with an offset that does not fade,
+
+    R_WT = R_WS R_SH R_offset
+
+until the operator engages the clutch again.
 """
 
 from __future__ import annotations
@@ -20,6 +25,8 @@ from optsc.errors import InvalidValue
 from optsc.geometry import scalar
 from optsc.geometry.rotation import checked
 from optsc.geometry.scalar import Quaternion, Vector
+
+_NONE: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -75,6 +82,9 @@ class ClutchSettings(Checked):
             is not asked for a jump of speed when a hand is coupled that is already moving. Zero is the paper's.
         largest_step: distance and angle from one sample to the next [m, rad] beyond which a hand has not moved but
             jumped, as trackers do: it is then coupled again where it is.
+        largest_acceleration: of a hand [m/s^2, rad/s^2]. Shorter steps are jumps, too, where they are further from a
+            steady motion than this allows, and the noise: 30 degrees within 2 ms are no motion of a hand.
+        noise: by how much a tracker may be off in one sample [m, rad].
     """
 
     R_WS: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -84,6 +94,8 @@ class ClutchSettings(Checked):
     slerp: Slerp = Slerp()
     fade: Annotated[float, NonNegative] = 0.5
     largest_step: Annotated[tuple[float, float], Each(Above(0.0))] = (0.1, 0.6)
+    largest_acceleration: Annotated[tuple[float, float], Each(Above(0.0))] = (100.0, 300.0)
+    noise: Annotated[tuple[float, float], Each(Above(0.0))] = (0.01, 0.035)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -99,7 +111,9 @@ class ClutchState(NamedTuple):
     Attributes:
         hand_p, hand_q: hand in the world's axes at the last sample.
         tool_p, tool_q: target of the tool at the last sample.
-        mismatch: rotation that still separates tool and hand, applied on the left of the hand's.
+        mismatch: rotation that still separates tool and hand and fades, applied on the left of the hand's.
+        offset: rotation that stays between them, on the right of an absolute hand's, so that the tool turns about the
+            axes that the hand turns about; none unless the hand jumped or was lost.
         stamp: time of the last sample [s].
         since: when the clutch closed [s].
         displacement, turn: how far the target was to go since then [m], and the sum of its turns [rad].
@@ -116,6 +130,7 @@ class ClutchState(NamedTuple):
     displacement: Vector = (0.0, 0.0, 0.0)
     turn: Vector = (0.0, 0.0, 0.0)
     held: float = 1.0
+    offset: Quaternion = _NONE
 
 
 class Hand(NamedTuple):
@@ -126,12 +141,19 @@ class Hand(NamedTuple):
     stamp: float
 
 
-def engage(settings: ClutchSettings, hand: Hand, tool_p: Vector, tool_q: Quaternion) -> ClutchState:
-    """Return the clutch coupled at the tool's present target, which therefore does not move."""
+def engage(
+    settings: ClutchSettings, hand: Hand, tool_p: Vector, tool_q: Quaternion, keeps_offset: bool = False
+) -> ClutchState:
+    """Return the clutch coupled at the tool's present target, which therefore does not move.
+
+    The mismatch in orientation fades, unless the clutch ``keeps_offset``: then it stays as it is.
+    """
     hand_p = scalar.rotate(settings.R_WS, hand.p)
     hand_q = scalar.multiply(settings.R_WS, scalar.normalised(hand.q))
-    mismatch = scalar.multiply(tool_q, scalar.conjugate(hand_q))
-    return ClutchState(hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, hand.stamp)
+    mismatch, offset = scalar.multiply(tool_q, scalar.conjugate(hand_q)), _NONE
+    if keeps_offset:
+        mismatch, offset = _NONE, scalar.multiply(scalar.conjugate(hand_q), tool_q)
+    return ClutchState(hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, hand.stamp, offset=offset)
 
 
 def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchState:
@@ -160,13 +182,16 @@ def follow(settings: ClutchSettings, state: ClutchState, hand: Hand) -> ClutchSt
         if held:
             tool_q = scalar.multiply(scalar.exp(_times(-held, turn)), tool_q)
     else:
+        asked = scalar.multiply(hand_q, state.offset)
         if settings.slerp.lagging:
             # The paper filters towards the hand's orientation: what the hand turned since adds to the mismatch.
-            mismatch = scalar.multiply(state.tool_q, scalar.conjugate(hand_q))
+            mismatch = scalar.multiply(state.tool_q, scalar.conjugate(asked))
         mismatch = settings.slerp.remaining(mismatch, hand.stamp - state.stamp)
-        tool_q = scalar.multiply(mismatch, hand_q)
+        tool_q = scalar.multiply(mismatch, asked)
     tool_q = scalar.normalised(tool_q)
-    return ClutchState(hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, state.since, displacement, turn, held)
+    return ClutchState(
+        hand_p, hand_q, tool_p, tool_q, mismatch, hand.stamp, state.since, displacement, turn, held, state.offset
+    )
 
 
 def _held(fade: float, elapsed: float) -> float:
@@ -191,14 +216,6 @@ def _minus(a: Vector, b: Vector) -> Vector:
 
 def _times(k: float, a: Vector) -> Vector:
     return k * a[0], k * a[1], k * a[2]
-
-
-def jumped(settings: ClutchSettings, state: ClutchState, hand: Hand) -> bool:
-    """Tell whether ``hand`` is further from the last sample than a hand moves between two."""
-    p, q = scalar.rotate(settings.R_WS, hand.p), scalar.multiply(settings.R_WS, hand.q)
-    distance = hypot(p[0] - state.hand_p[0], p[1] - state.hand_p[1], p[2] - state.hand_p[2])
-    turn = scalar.angle(scalar.multiply(q, scalar.conjugate(state.hand_q)))
-    return distance > settings.largest_step[0] or turn > settings.largest_step[1]
 
 
 def recentred(settings: ClutchSettings, hand: Hand, tool_q: Quaternion) -> ClutchSettings:

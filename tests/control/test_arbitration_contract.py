@@ -127,8 +127,8 @@ def test_the_sampling_of_the_hand_does_not_change_where_it_leads(robot):
     for every in (1, 7):
         loop = Loop(robot, scene({"far": (3.0, 0.0, 0.2)}), arbitration=make_policy("hindsight optimisation"))
         start = loop.hand
-        for k in range(700):
-            way = min(k / 500, 1.0) * np.array([0.1, 0.0, 0.0])
+        for k in range(750):
+            way = min(max(k - 50, 0) / 500, 1.0) * np.array([0.1, 0.0, 0.0])
             loop.hand = Pose(start.quaternion, start.translation + way)
             loop.tick(OperatorSample(loop.time, loop.hand) if k % every == 0 else None)
         ends.append(loop.tool().translation)

@@ -3,7 +3,8 @@ import pytest
 
 from optsc.errors import InvalidValue
 from optsc.geometry import rotation
-from optsc.operators.clutch import ClutchSettings, Hand, engage, jumped, recentred
+from optsc.operators.clutch import ClutchSettings, Hand, recentred
+from optsc.operators.jumps import TrackedHand
 from optsc.operators.smoothing import Smoothing, begin, smoothed
 
 RATE = 90.0
@@ -65,10 +66,11 @@ def test_a_clock_that_stands_still_changes_nothing():
 def test_a_jump_is_told_from_a_motion():
     settings = ClutchSettings(R_WS=tuple(rotation.exp([0, 0, 1.0])))
     hand = Hand((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.0)
-    state = engage(settings, hand, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    assert not jumped(settings, state, hand._replace(p=(0.05, 0.0, 0.0)))
-    assert jumped(settings, state, hand._replace(p=(0.5, 0.0, 0.0)))
-    assert jumped(settings, state, hand._replace(q=tuple(rotation.exp([1.0, 0, 0]))))
+    motion = TrackedHand(hand)
+    later = hand._replace(stamp=0.03)
+    assert not motion.jumps(settings, later._replace(p=(0.05, 0.0, 0.0)))
+    assert motion.jumps(settings, later._replace(p=(0.5, 0.0, 0.0)))
+    assert motion.jumps(settings, later._replace(q=tuple(rotation.exp([1.0, 0, 0]))))
 
 
 def test_after_recentring_the_hand_heads_where_the_tool_does():
