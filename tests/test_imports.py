@@ -50,7 +50,7 @@ FENCES = {
     "PIL": {"perception"},
     "h5py": {"sampling"},
     "pandas": {"study"},
-    "pyarrow": {"study"},
+    "pyarrow": {"study", "live"},
     "distributed": {"study"},
     "optuna": {"study"},
     "websockets": {"live"},

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import optsc
 from optsc.errors import OptscError
 
-_COMMANDS = ("bench", "demo", "doctor", "grasps", "study", "sweep", "teleop")
+_COMMANDS = ("bench", "demo", "doctor", "grasps", "replay", "study", "sweep", "teleop")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

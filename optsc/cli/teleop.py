@@ -6,7 +6,8 @@ import argparse
 import webbrowser
 from typing import Any
 
-from optsc.cli.options import add_seed, checked_seed
+from optsc.cli.options import add_output, add_seed, checked_seed
+from optsc.errors import InvalidValue
 
 
 def add_parser(subparsers: Any) -> None:
@@ -23,6 +24,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--follower", default="pybullet", help="pybullet (default), a simulated world, or ideal")
     parser.add_argument("--objects", nargs="+", default=["mug", "can", "box"], metavar="NAME", help="what lies there")
     add_seed(parser, "the scene")
+    add_output(parser, None, "folder that the run is recorded in")
     parser.add_argument("--rate", type=float, default=500.0, help="control rate in Hz (default 500)")
     parser.add_argument(
         "--timeout",
@@ -57,9 +59,15 @@ def run(options: argparse.Namespace) -> int:
         timeout=options.timeout,
     )
     access = Access.network(options.listen, options.port) if options.listen else Access.local(options.port)
+    if options.output and options.output.exists() and any(options.output.iterdir()):
+        raise InvalidValue("--output", str(options.output), "a folder that is not there or empty")
+
+    def say(text: str) -> None:
+        print(text, flush=True)
+
     scene = LiveScene(choice)
     print(f"scene {choice.seed}: {choice.robot} with {', '.join(choice.objects)}", flush=True)
-    with LiveSession(scene, access, options.light, say=lambda text: print(text, flush=True)) as session:
+    with LiveSession(scene, access, options.light, options.output, say) as session:
         address = session.access.address + (("&light" if "?" in session.access.address else "?light") * options.light)
         print(f"\n  {address}\n", flush=True)
         if session.access.secure:
@@ -71,5 +79,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             session.watch()
         except KeyboardInterrupt:
-            print("\nended")
+            print("\nending")
+    if options.output:
+        print(f"recorded in {options.output}; look at it again with: optsc replay {options.output}")
     return 0

@@ -19,6 +19,8 @@ from optsc.processes import end_with, single_threaded
 
 LONGEST_START = 120.0
 """How long a process may take until it is ready [s]."""
+LONGEST_END = 60.0
+"""How long it may take to finish [s]."""
 
 
 class ChildFailed(OptscError):
@@ -36,18 +38,20 @@ class Child:
         name: for messages.
         work: a function of a module, since the process begins from nothing; it calls ``say_ready(facts)`` once.
         arguments: for it.
+        finishes: whether it is given the time to finish: ``work`` is then called with an ``ended()`` behind
+            ``say_ready``, which tells whether it has to.
 
     Attributes:
         facts: what it said when it was ready.
     """
 
-    def __init__(self, name: str, work: Callable[..., None], *arguments: Any) -> None:
+    def __init__(self, name: str, work: Callable[..., None], *arguments: Any, finishes: bool = False) -> None:
         context = get_context("spawn")
         self.name, self.facts = name, None
         leash, self._held = context.Pipe(duplex=False)
         self._heard, said = context.Pipe(duplex=False)
         self._process: BaseProcess = context.Process(
-            target=_run, args=(leash, said, work, arguments), name=f"optsc {name}"
+            target=_run, args=(leash, said, work, arguments, finishes), name=f"optsc {name}"
         )
         with single_threaded():
             self._process.start()
@@ -84,7 +88,7 @@ class Child:
     def close(self) -> None:
         """Let it end, and wait for that."""
         self._held.close()
-        self._process.join(5.0)
+        self._process.join(LONGEST_END)
         if self.alive:
             self._process.kill()
             self._process.join()
@@ -99,9 +103,14 @@ class Child:
         self.close()
 
 
-def _run(leash: Connection, said: Connection, work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    end_with(leash)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+def _run(
+    leash: Connection, said: Connection, work: Callable[..., None], arguments: tuple[Any, ...], finishes: bool
+) -> None:
+    if finishes:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        arguments = (lambda: leash.poll(0.0), *arguments)
+    else:
+        end_with(leash)
 
     def say_ready(facts: Any = None) -> None:
         said.send(("ready", facts))

@@ -111,7 +111,9 @@ def tick_columns(sizes: Sizes) -> Columns:
         "selected": 1,
         "terms": len(TERMS),
         "objects": POSE * sizes.objects,
-        "settings": 1,  # how often they were changed
+        "measured_time": 1,
+        "settings": settings_block.COLUMNS.size,  # those in force
+        "reason": REASON,
     }
     return Columns(widths)
 

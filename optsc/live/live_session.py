@@ -27,6 +27,7 @@ class LiveSession:
         scene: what is driven.
         access: where the page is served, and to whom.
         light: whether surfaces are to be as coarse as can be.
+        output: folder that the run is recorded in, see `optsc.live.run_folder`; None for not at all.
         say: is told what happens, in words.
 
     Attributes:
@@ -42,14 +43,18 @@ class LiveSession:
         scene: LiveScene,
         access: Access,
         light: bool = False,
+        output: Path | None = None,
         say: Callable[[str], None] = print,
     ) -> None:
-        self.scene, self.access, self._light, self._say = scene, access, light, say
+        self.scene, self.access, self._light, self._output, self._say = scene, access, light, output, say
         self.parts = SharedParts(scene.sizes)
         self._shared = (scene.choice, scene.sizes, self.parts.segment.name)
         self.control = Child("control", run_control, *self._shared)
+        self.recorder = self._recorded()
         self.server = self._served()
         try:
+            if self.recorder is not None:
+                self.recorder.wait_until_ready()
             self.control.wait_until_ready()
             self._find_port()
         except BaseException:
@@ -58,6 +63,13 @@ class LiveSession:
 
     def _served(self) -> Child:
         return Child("page", run_server, *self._shared, self.access, self._light)
+
+    def _recorded(self) -> Child | None:
+        if self._output is None:
+            return None
+        from optsc.live.recorder import run_recorder
+
+        return Child("recorder", run_recorder, *self._shared, self._output, finishes=True)
 
     def _find_port(self) -> None:
         self.access = replace(self.access, port=self.server.wait_until_ready())
@@ -76,12 +88,18 @@ class LiveSession:
                 self.server.close()
                 self.server = self._served()
                 self._find_port()
+            if self.recorder is not None and not self.recorder.alive:
+                self._say("the recorder ended; another one goes on in the same folder")
+                self.recorder.close()
+                self.recorder = self._recorded()
             time.sleep(LOOK_EVERY)
 
     def close(self) -> None:
-        """End the processes, and remove the shared memory."""
+        """End the processes, the recorder when it has written everything, and remove the shared memory."""
         self.server.close()
         self.control.close()
+        if self.recorder is not None:
+            self.recorder.close()
         self.parts.segment.close()
 
     def __enter__(self) -> LiveSession:

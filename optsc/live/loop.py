@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from optsc.control.controller import SharedController
 from optsc.live.hand_mailbox import HandReader
 from optsc.live.layout import SharedParts
 from optsc.live.scene import LiveScene
@@ -45,7 +46,7 @@ class ControlLoop:
     ) -> None:
         self._scene, self._parts = scene, parts
         self._settings, self._settings_count = LiveSettings(), 0
-        self._settings_row = np.zeros(SETTINGS.size)
+        self._settings_row = self._settings.row()
         self.controller = scene.controller(self._settings)
         self.follower = scene.follower()
         self._hand = HandReader(parts.hand)
@@ -75,7 +76,7 @@ class ControlLoop:
         self._worst_late = max(self._worst_late, self.schedule.late)
         rows, schedule = self._rows, self.schedule
         rows.take(tick, self.session, self._hand.row)
-        self._parts.ticks.push(rows.tick_row(clock, schedule, self._settings_count))
+        self._parts.ticks.push(rows.tick_row(clock, schedule, self._settings_row))
         if self.session.ticks % SHOWN_EVERY == 0:
             self._parts.state.write(rows.state_row(schedule, self._worst_late, self._settings.restarts))
             self._worst_late = 0.0
@@ -93,16 +94,22 @@ class ControlLoop:
             self.follower.close()
 
     def _take_settings(self) -> None:
-        count = self._parts.settings.count
-        if not self._parts.settings.read(self._settings_row):
+        count, row = self._parts.settings.count, np.zeros(SETTINGS.size)
+        if not self._parts.settings.read(row):
             return
-        before, after = self._settings, LiveSettings.of_row(self._settings_row)
+        before, after = self._settings, LiveSettings.of_row(row)
+        self._settings_row = row
         self._settings, self._settings_count = after, count
-        selector = self.controller.selector
-        if after.ranking_rule != before.ranking_rule:
-            selector.rank_by(after.ranking_rule, selector.solver.manipulability)
-        if (after.scale, after.cutoff) != (before.scale, before.cutoff):
-            self.controller.couple_by(replace(self.controller.clutch, scale=after.scale), after.smoothing)
+        apply_settings(self.controller, before, after)
         if after.restarts != before.restarts:
             self.session = self._started()
             self._rows.begin_again()
+
+
+def apply_settings(controller: SharedController, before: LiveSettings, after: LiveSettings) -> None:
+    """Change what differs between two settings."""
+    selector = controller.selector
+    if after.ranking_rule != before.ranking_rule:
+        selector.rank_by(after.ranking_rule, selector.solver.manipulability)
+    if (after.scale, after.cutoff) != (before.scale, before.cutoff):
+        controller.couple_by(replace(controller.clutch, scale=after.scale), after.smoothing)

@@ -21,7 +21,8 @@ class RowRing:
     """The last ``capacity`` rows of doubles from one writer to one reader.
 
     The writer never waits: a reader that is slower than a whole turn loses the oldest rows, and is told how many. A
-    ring outlives its writer, so the rows of a process that died can still be read.
+    ring outlives its writer, so the rows of a process that died can still be read; and its reader, so that another one
+    goes on where that one last said that all is `kept`.
 
     Args:
         segment: where it lies.
@@ -31,13 +32,13 @@ class RowRing:
 
     def __init__(self, segment: SharedSegment, size: int, capacity: int) -> None:
         block = segment.take(self.doubles(size, capacity))
-        self._count, self._rows = block[:1], block[1:].reshape(capacity, size)
-        self._capacity, self._read = capacity, 0
+        self._count, self._kept, self._rows = block[:1], block[1:2], block[2:].reshape(capacity, size)
+        self._capacity, self._read = capacity, int(self._kept[0])
 
     @staticmethod
     def doubles(size: int, capacity: int) -> int:
         """Return how many doubles a ring takes in its segment."""
-        return 1 + size * capacity
+        return 2 + size * capacity
 
     @property
     def written(self) -> int:
@@ -59,3 +60,7 @@ class RowRing:
         safe = min(max(start, self.written + 1 - self._capacity), end) if end > start else start
         lost, self._read = safe - self._read, end
         return Drained(rows[safe - start :], lost)
+
+    def kept(self) -> None:
+        """Say that what was drained is safe: a reader that takes the place of this one begins behind it."""
+        self._kept[0] = self._read

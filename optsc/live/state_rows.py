@@ -45,9 +45,9 @@ class StateRows:
         self._ranking: Ranking | None = None
         self._ranked = -np.inf
         self._reason = ""
-        self._put(self._state, self._of_state, "reason", text_numbers("", REASON))
         self._events = 0
         for row, at in ((self._state, self._of_state), (self._tick, self._of_tick)):
+            self._put(row, at, "reason", text_numbers("", REASON))
             for name in ("intended", "event"):
                 self._put(row, at, name, -1.0)
         self._put(self._state, self._of_state, "target_object", -1.0)
@@ -73,13 +73,14 @@ class StateRows:
         state[s["ticks"]] = session.ticks
         tick_row[t["tick"]] = session.ticks
         tick_row[t["v"]], tick_row[t["a"]], tick_row[t["v_measured"]] = command.v, command.a, measured.v
+        tick_row[t["measured_time"]] = measured.time
         tick_row[t["device_time"]] = hand[_HAND["device_time"]]
         tick_row[t["raw_p"]], tick_row[t["raw_q"]] = hand[_HAND["p"]], hand[_HAND["q"]]
         self._take_sample(tick)
         self._take_event(tick)
         if step.reason != self._reason:
             self._reason = step.reason
-            state[s["reason"]] = text_numbers(step.reason, REASON)
+            state[s["reason"]] = tick_row[t["reason"]] = text_numbers(step.reason, REASON)
         self._take_objects(tick)
         ranking = step.ranking
         if ranking is not None and ranking is not self._ranking and step.time - self._ranked >= COSTS_PERIOD:
@@ -91,7 +92,7 @@ class StateRows:
         """Forget what was shown last: time begins again."""
         self._ranking, self._ranked = None, -np.inf
 
-    def tick_row(self, clock: float, schedule: Schedule, settings: int) -> Array:
+    def tick_row(self, clock: float, schedule: Schedule, settings: Array) -> Array:
         """Return the row for the recorder."""
         row, at = self._tick, self._of_tick
         row[at["clock"]], row[at["late"]], row[at["lost"]] = clock, schedule.late, schedule.lost

@@ -5,8 +5,15 @@ const COLOURS = { hold: "#c0282d", manual: "#1f6feb", carry: "#18794e" };
 export class Player {
   constructor(place, moments, show) {
     Object.assign(this, { moments, show, index: 0, playing: true, speed: 1 });
-    this.begin = moments[0].time;
-    this.end = moments.at(-1).time;
+    // Where the scene began again, so did its time; the recording went on.
+    let offset = 0;
+    moments.forEach((moment, k) => {
+      const before = k ? moments[k - 1] : moment;
+      if (moment.time < before.time) offset = before.at;
+      moment.at = offset + moment.time;
+    });
+    this.begin = moments[0].at;
+    this.end = moments.at(-1).at;
     this.time = this.begin;
     place.hidden = false;
     place.innerHTML = `<div class="row"><button id="play">Pause</button>
@@ -29,8 +36,8 @@ export class Player {
     for (const [k, moment] of this.moments.entries()) {
       const next = this.moments[k + 1] || moment;
       pen.fillStyle = COLOURS[moment.mode] || "#b35900";
-      const x = ((moment.time - this.begin) / length) * 1000;
-      pen.fillRect(x, 0, Math.max(1, ((next.time - moment.time) / length) * 1000 + 0.5), 12);
+      const x = ((moment.at - this.begin) / length) * 1000;
+      pen.fillRect(x, 0, Math.max(1, ((next.at - moment.at) / length) * 1000 + 0.5), 12);
     }
   }
 
@@ -57,7 +64,7 @@ export class Player {
     let [low, high] = [0, this.moments.length - 1];
     while (low < high) {
       const middle = (low + high + 1) >> 1;
-      if (this.moments[middle].time <= this.time) low = middle;
+      if (this.moments[middle].at <= this.time) low = middle;
       else high = middle - 1;
     }
     this.scrub.value = this.time;
