@@ -84,8 +84,9 @@ class Assisted(NamedTuple):
         wish, asked = now.asked(servo, track)
         moment = Moment(*now.at, asked.velocity, hand.goals, hand.gap, now.last, servo.period, self.approach)
         hand_gain, robot, robot_share = self.policy.blend(moment)
-        # Copies: the answer is part of the state, and a policy may use its arrays again.
+        # Copies: the answer is part of the state, and a policy may use its arrays again. It sees them at the next tick.
         answer = Blend(np.array(hand_gain, dtype=float), np.array(robot, dtype=float), float(robot_share))
+        answer.hand.flags.writeable = answer.robot.flags.writeable = False
         if not _usable(answer):
             fault = f"{self.policy.name} gave no finite blend"
             return self.released(), Outcome(servo.stop(), Event.FAULT, fault)

@@ -280,7 +280,8 @@ class Servo:
         # Not one array for all ticks: it becomes part of the command, which is the caller's to write into.
         rest = np.zeros(self.robot.n)
         if self.avoid is not None:
-            rest = self.avoid.stopping(guard.q, guard.lowest, guard.highest, self.ik.solver)
+            bounds = guard.lowest.copy(), guard.highest.copy()
+            rest = self.avoid.stopping(guard.q.copy(), *bounds, self.ik.solver)
         return self._come_to_rest(rest, status, reason, start)
 
     def _come_to_rest(self, velocity: Array, status: Status, reason: str, start: float) -> Command:

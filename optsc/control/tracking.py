@@ -103,7 +103,8 @@ class Tracking:
         self._model.run()
         reference, guard, numbers = self._reference, self.guard, self.numbers
         lowest, highest = guard.lowest, guard.highest
-        rows = None if self.avoid is None else self.avoid.rows(guard.q, lowest, highest)
+        # Copies: avoidance may be a user's, and what it writes there must not become the state or its limits.
+        rows = None if self.avoid is None else self.avoid.rows(guard.q.copy(), lowest.copy(), highest.copy())
         step = self.ik.solve(
             guard.columns, reference[:7], self._next_reference[7:13], numbers.preferred, lowest, highest, rows
         )
@@ -120,7 +121,7 @@ class Tracking:
         wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
         verdict = FOLLOWING
         if noticeable:
-            near = None if self.avoid is None else self.avoid.blocking(wanted)
+            near = None if self.avoid is None else self.avoid.blocking(wanted.copy())
             verdict = held_back(self.robot, guard, wanted, near, far)
         if verdict.status is Status.LIMITED:
             self._yield(wanted)

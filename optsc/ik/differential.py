@@ -39,7 +39,7 @@ import numpy as np
 from optsc.checks import Checked, Each, NonNegative, Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.ik.solvers import QpSolver, Rows, make_solver
+from optsc.ik.solvers import QpSolver, Rows, make_solver, usable_answer
 from optsc.kernels.kernel import build_kernel
 from optsc.kernels.pose_task import PoseTaskSettings, pose_task
 from optsc.robot.limits import JointLimits
@@ -215,7 +215,9 @@ class DifferentialIK:
             self._posture[:] += self.settings.manipulability_gain / self.settings.posture_gain * uphill
         self._kernel.run()
         # H is symmetric, so the column-major buffer is read as row-major without a copy.
-        solution = self.solver.solve(self._H.T, self._g, lowest, highest, rows)
+        # Copies of the bounds: what a user's solver writes there must not become the limits that are kept.
+        answer = self.solver.solve(self._H.T, self._g, lowest.copy(), highest.copy(), rows)
+        solution = usable_answer(answer, len(lowest), self.solver.name)
         return IkStep(
             solution.x,
             solution.solved,

@@ -5,7 +5,7 @@ A solver never raises in the loop: anything but a solution comes back as a failu
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -60,6 +60,20 @@ class QpSolver(Protocol):
     def solve(self, H: Array, g: Array, lower: Array, upper: Array, rows: Rows | None = None) -> QpSolution:
         """Return the minimiser of 1/2 x'Hx + g'x with lower <= x <= upper and ``rows``; never raises."""
         ...
+
+
+def usable_answer(answer: Any, n: int, name: str) -> QpSolution:
+    """Return what a solver, which may be a user's, has answered to a problem of ``n`` variables, if it can be used.
+
+    What is called solved and is not n finite numbers is a failure, with a reason.
+    """
+    solved, x = answer.solved, answer.x
+    if not solved:
+        return QpSolution(np.zeros(n), False, int(answer.iterations), str(answer.reason) or f"{name}: no solution")
+    # Magnitudes carry what is not finite, and do not cancel.
+    if type(x) is np.ndarray and x.dtype.char == "d" and x.shape == (n,) and sum(map(abs, x.tolist())) < UNBOUNDED:
+        return answer
+    return QpSolution(np.zeros(n), False, 0, f"{name} calls solved what is not {n} usable numbers")
 
 
 def solve_soft(

@@ -18,6 +18,7 @@ from optsc.control.status import Status
 from optsc.followers import FollowerState
 from optsc.geometry import Pose, TriangleMesh
 from optsc.ik import solver_names
+from optsc.ik.solvers import QpSolution
 from optsc.operators import Button, OperatorSample
 from optsc.operators.smoothing import Smoothing
 from optsc.robot import JointLimits, load_robot
@@ -332,3 +333,65 @@ def test_an_operator_may_use_one_set_of_buttons_again(robot):
     buttons.add(Button.VETO)
     loop.tick(OperatorSample(loop.time, loop.hand, buttons=buttons))
     assert loop.controller.selector.state.vetoed
+
+
+WRONG_ANSWERS = {
+    "no numbers": lambda n: np.full(n, np.nan),
+    "infinity": lambda n: np.full(n, -np.inf),
+    "too few": lambda n: np.zeros(n - 1),
+    "a matrix": lambda n: np.zeros((n, n)),
+    "a number": lambda n: 0.0,
+    "complex numbers": lambda n: np.full(n, 1j),
+    "nothing": lambda n: None,
+}
+
+
+@pytest.mark.parametrize("what", WRONG_ANSWERS)
+def test_what_a_solver_calls_solved_and_is_no_velocity_stops_the_arm_and_is_said(robot, what, monkeypatch):
+    servo = Servo(robot)
+    X = robot.forward(robot.home)
+    for k in range(100):
+        servo.step(Pose(X.quaternion, X.translation + [3e-4 * k, 0.0, 0.0]))
+    answer = QpSolution(WRONG_ANSWERS[what](robot.n), True, 1)
+    monkeypatch.setattr(servo.ik.solver, "solve", lambda *_: answer, raising=False)
+    commands = [servo.step(X) for _ in range(100)]
+    assert {command.status for command in commands} == {Status.UNSOLVED}
+    assert all("usable" in command.reason for command in commands)
+    np.testing.assert_allclose(commands[-1].v, 0.0, atol=1e-12)
+    a = np.array([command.a for command in commands])
+    assert np.all(np.abs(np.diff(a, axis=0)) <= robot.limits.jerk * servo.period * (1 + 1e-9))
+
+
+def test_what_a_users_solver_and_avoidance_write_into_what_they_are_given_changes_nothing(robot, monkeypatch):
+    def moves(servo):
+        X = robot.forward(robot.home)
+        targets = [Pose(X.quaternion, X.translation + [5e-4 * k, 0.0, 0.0]) for k in range(60)]
+        return bytes_of([servo.step(target) for target in targets])
+
+    def spoiled(part, name):
+        genuine = getattr(part, name)
+
+        def spoil(*arguments):
+            answer = genuine(*arguments)
+            for array in arguments:
+                if isinstance(array, np.ndarray):
+                    array[...] = 1e6
+            return answer
+
+        monkeypatch.setattr(part, name, spoil, raising=False)
+
+    far = Pose.from_translation([9.0, 0.0, 0.0])
+    servos = [Servo(robot, avoid=CollisionAvoidance(robot, {"cube": (CUBE, far)})) for _ in range(2)]
+    for name in ("rows", "stopping", "blocking"):
+        spoiled(servos[1].avoid, name)
+    spoiled(servos[1].ik.solver, "solve")
+    assert moves(servos[0]) == moves(servos[1])
+
+
+def test_what_a_policy_is_shown_of_its_last_answer_cannot_be_written_into(robot):
+    loop = Loop(robot, scene(), arbitration=LinearBlending())
+    loop.go(0.3, move=(0.03, 0.0, 0.0))
+    last = loop.controller.state.activity.last
+    for values in (last.hand, last.robot):
+        with pytest.raises(ValueError, match="read-only"):
+            values[...] = 1.0
