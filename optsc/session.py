@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.checks import Positive, require
+from optsc.checks import AtLeast, Positive, require
 from optsc.control.arbitration import Goal
 from optsc.control.controller import ControlStep, SharedController
 from optsc.followers import RecordedFollower
@@ -51,7 +51,14 @@ class Display:
         goes_for = step.target if step is not None and automatic else None
         target = None if goes_for is None else _seen_target(goes_for, objects)
         X_WT = controller.robot.forward(measured.q)
-        return OperatorView(controller.time, X_WT, automatic, controller.finished, objects, self.grasps(), target)
+        view = OperatorView(controller.time, X_WT, automatic, controller.finished, objects, self.grasps(), target)
+        if step is None:
+            return view
+        held = None if step.held is None else step.held.object_name
+        # What was a tick ago is what can be seen, but for the mode, which is the present one.
+        return view._replace(
+            mode=controller.mode.value, status=step.command.status.value, reason=step.reason, held=held
+        )
 
 
 def _seen_target(target: Target, objects: Mapping[str, Pose]) -> str:
@@ -159,10 +166,13 @@ class Session:
         """Do one tick and return it."""
         return self.advance(self.read())
 
-    def run(self, until: float, sink: Sink) -> None:
-        """Do ticks up to the time ``until`` [s] of the controller, or until the task is finished, into a sink."""
+    def run(self, until: float, sink: Sink, tasks: int | None = 1) -> None:
+        """Do ticks up to the time ``until`` [s] of the controller, into a sink, or until ``tasks`` are finished.
+
+        A task is finished when an object has been carried long enough, or put down again; None for any number of them.
+        """
         with _no_garbage_collection():
-            while self.controller.time < until and not self.controller.finished:
+            while self.controller.time < until and (tasks is None or self.controller.state.tasks < tasks):
                 sink(self.tick())
 
 
@@ -187,6 +197,7 @@ def run(
     clear: ClearRows | None = None,
     rate: float = 500.0,
     duration: float = 60.0,
+    tasks: int | None = 1,
     start: ArrayLike | None = None,
     watch: Watch | None = None,
     watch_period: float = 0.2,
@@ -194,7 +205,7 @@ def run(
     on_tick: Sink | None = None,
     keep: bool = True,
 ) -> Run:
-    """Run until the task is finished or ``duration`` is over, in the follower's time, and return all ticks.
+    """Run until the tasks are finished or ``duration`` is over, in the follower's time, and return all ticks.
 
     Args:
         controller: is reset first.
@@ -204,6 +215,7 @@ def run(
         clear: which of them the arm can execute without collision, see `optsc.collision.GraspClearance`.
         rate: control rate [Hz].
         duration: the longest run [s].
+        tasks: how many objects are to be carried, or put down again, before the run ends; None for any number.
         start: configuration (n,) [rad] to start from, the robot's home by default.
         watch, watch_period: observe the scene during the run, see `Session`.
         about: what to keep with the run.
@@ -215,6 +227,8 @@ def run(
         InvalidValue: rate, duration or watch_period are not positive, or the start does not fit the robot.
     """
     require("duration", duration, Positive)
+    if tasks is not None:
+        require("tasks", tasks, AtLeast(1))
     session = Session.start(
         controller,
         operator=operator,
@@ -235,7 +249,7 @@ def run(
         if on_tick is not None:
             on_tick(tick)
 
-    session.run(duration, sink)
+    session.run(duration, sink, tasks)
     facts = {"robot": controller.robot.name, "start": q, **(about or {})}
     return Run(rate, tuple(ticks), facts, session.updates)
 

@@ -13,9 +13,10 @@ from optsc.control.activities import Following, HandInput
 from optsc.control.approach import Approach
 from optsc.control.arbitration import Arbitration, Trigger
 from optsc.control.controller_state import ControllerSnapshot, ControllerState, ControlStep
+from optsc.control.displacement import displaced
 from optsc.control.events import Parts, happening, leading_hand, tuned
 from optsc.control.fine_tuning import FineTuning
-from optsc.control.grasp_choice import GraspChoice, displaced
+from optsc.control.grasp_choice import GraspChoice
 from optsc.control.holding import Holding
 from optsc.control.jaws import JawSettings
 from optsc.control.measured_arm import MeasuredArm, TrackingTolerance, opening_of
@@ -244,6 +245,7 @@ class SharedController:
         return step
 
     def _tick(self, sample: OperatorSample | None, measured: FollowerState) -> ControlStep:
+        before = self.mode
         monitor, given = self.state.monitor.read(sample)
         if given.new:
             self._set(monitor=monitor)
@@ -270,6 +272,7 @@ class SharedController:
             if choice is not self.state.choice:
                 self._set(choice=choice)
             self._allow_contact()
+        stop = self._reason_of_stop(before, event, reason)
         if self.finished and not self.state.counted:
             self._set(tasks=self.state.tasks + 1, counted=True)
         state = self.state
@@ -282,7 +285,7 @@ class SharedController:
             state.opening,
             choice.ranking,
             state.target,
-            reason or command.reason,
+            reason or stop or command.reason,
             choice.probabilities,
             outcome.assistance,
             state.held,
@@ -296,7 +299,9 @@ class SharedController:
             _LOG.error("a control tick failed; the arm comes to rest", exc_info=error)
         command = self.servo.timed(self.servo.halt(reason))
         self.servo.forget()
-        self._set(mode=Mode.HOLD, entered=self.time, activity=Holding(), target=None, tuning=None, failure=reason)
+        self._set(
+            mode=Mode.HOLD, entered=self.time, activity=Holding(), target=None, tuning=None, failure=reason, stop=reason
+        )
         state = self.state
         return ControlStep(
             *(time, Mode.HOLD, Event.FAULT, command, state.opening, self.ranking, None, reason), held=state.held
@@ -304,6 +309,17 @@ class SharedController:
 
     def _set(self, **changes: Any) -> None:
         self.state = self.state._replace(**changes)
+
+    def _reason_of_stop(self, before: Mode, event: Event | None, reason: str) -> str:
+        """Keep and return why the arm holds, so that it can be read for as long as it does; empty in other modes."""
+        stop = self.state.stop
+        if self.mode is not Mode.HOLD:
+            stop = ""
+        elif before is not Mode.HOLD or event is Event.FAULT:
+            stop = reason or stop
+        if stop != self.state.stop:
+            self._set(stop=stop)
+        return stop
 
     def _awaited(self, event: Event) -> Event:
         """Return the event as it is, or, at the pre-grasp, that the operator is waited for."""

@@ -48,6 +48,7 @@ class ControllerState(NamedTuple):
         moved: names of objects that have been let go of elsewhere than where they were observed.
         tasks: how many objects have been carried long enough, or put down.
         counted: whether the one in the jaws is among them.
+        stop: why the arm holds, in words, for as long as it does.
         failure: what the last tick failed with, in words; empty where it did not.
     """
 
@@ -72,6 +73,7 @@ class ControllerState(NamedTuple):
     moved: frozenset[str] = frozenset()
     tasks: int = 0
     counted: bool = False
+    stop: str = ""
     failure: str = ""
     jaws: Jaws = Jaws()
 

@@ -32,8 +32,6 @@ DECISION_ROWS = 64
 """Finalists solved again at most when the trigger is pressed: what is chosen then must be right."""
 CHOICES = 40
 """How many grasps are tried, best first, for one that the arm can go to on a straight path."""
-FARTHEST = 0.01
-"""A grasp that has moved by more than this [m] is no longer the one that was chosen: half a pad's width."""
 
 
 class ChoiceState(NamedTuple):
@@ -303,33 +301,6 @@ class GraspChoice:
             )
             return None, reason
         return state.ranking.target_of(int(goals.candidate[here.row[k]])), ""
-
-
-def displaced(target: Target, before: Candidates | None, now: Candidates) -> str:
-    """Return what has become of the object of a grasp, in words; empty where the grasp is where it was.
-
-    Args:
-        target: the grasp that the robot goes to, one of ``before``.
-        before, now: the grasps of the scene when it was chosen, and as it is now.
-    """
-    name = target.object_name
-    if name not in now.object_names:
-        return f"the {name} is gone"
-    was = None if before is None else _place(target, before)
-    place = _place(target, now)
-    if was is None or place is None:
-        return f"the {name} has other grasps now"
-    distance = float(np.linalg.norm(place - was))
-    return f"the {name} has moved by {1e3 * distance:.0f} mm" if distance > FARTHEST else ""
-
-
-def _place(target: Target, candidates: Candidates) -> np.ndarray | None:
-    """Return where a grasp is (3,) [m]; None where there is no such one."""
-    if target.object_name not in candidates.object_names:
-        return None
-    index = candidates.object_names.index(target.object_name)
-    rows = np.flatnonzero((candidates.object_index == index) & (candidates.grasp_index == target.grasp_index))
-    return candidates.X_WG.translation[rows[0]] if len(rows) else None
 
 
 def _displacement(hand: Hand, earlier: Hand) -> Vector:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -27,6 +27,8 @@ class Candidates(Checked):
         opening: distance between the pads when they hold the object (N,) [m].
         quality: (N,) in [0, 1], higher is better.
         jaw_symmetric: whether a half turn about the tool's z axis gives the same grasp.
+        X_WO: poses of the objects by name, as far as their grasps are in the frame of a known shape, which another set
+            of grasps of the same object shares; {} where that is not known.
     """
 
     object_names: tuple[str, ...]
@@ -36,6 +38,7 @@ class Candidates(Checked):
     opening: Annotated[Array, ArrayOf("N")]
     quality: Annotated[Array, ArrayOf("N")]
     jaw_symmetric: bool
+    X_WO: Mapping[str, Pose] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if np.shape(self.opening) != self.X_WG.shape:
@@ -82,4 +85,5 @@ def place(sets: Mapping[str, GraspSet], X_WO: Mapping[str, Pose]) -> Candidates:
         opening=np.concatenate([np.zeros(0), *(s.opening for s in chosen)]),
         quality=np.concatenate([np.zeros(0), *(s.quality for s in chosen)]),
         jaw_symmetric=all(s.jaw_symmetric for s in chosen),
+        X_WO={name: X for name, X in X_WO.items() if sets[name].made_on_mesh},
     )

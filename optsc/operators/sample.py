@@ -21,6 +21,8 @@ POSITION_RANGE = 1e3
 """How far from the station's origin a hand can be [m]: beyond it a number is a fault, not a place."""
 
 
+HALTED = "hold"
+"""The control mode in which the arm stands still."""
 LARGEST_NUDGE = 1.0
 """The largest component of a nudge [m, rad] in one sample: beyond it a number is a fault, not a nudge."""
 
@@ -70,6 +72,10 @@ class OperatorView(NamedTuple):
         objects: pose of each object in the world.
         grasps: the grasp that is shown for each object, tool poses in the world; {} where none is.
         target: the object that the robot is grasping by itself; None where it does not, or it is unknown.
+        mode: the control mode, as `optsc.control.modes.Mode` calls it; empty before the first tick.
+        status: what held the last command back, as `optsc.control.status.Status` calls it.
+        reason: why the arm has stopped or does not do what was asked for, in words; empty when all is well.
+        held: the object between the jaws; empty where something is that has no name, None where nothing is.
     """
 
     time: float
@@ -79,6 +85,15 @@ class OperatorView(NamedTuple):
     objects: Mapping[str, Pose]
     grasps: Mapping[str, Pose] = MappingProxyType({})
     target: str | None = None
+    mode: str = ""
+    status: str = ""
+    reason: str = ""
+    held: str | None = None
+
+    @property
+    def halted(self) -> bool:
+        """Whether the arm stands still whatever the hand does, until the clutch is closed once more."""
+        return self.mode == HALTED
 
 
 class Operator(Protocol):

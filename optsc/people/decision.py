@@ -15,6 +15,7 @@ from optsc.geometry.rotation import Array
 from optsc.operators.sample import OperatorView
 from optsc.people.motor import Movement, SimulatedHand
 from optsc.people.parameters import AimParameters, HumanParameters, Intention
+from optsc.people.putting_down import PuttingDown, Stage
 from optsc.people.ready_pose import Aim, adjust_aim, draw_aim
 
 _REST_SPEED, _REST_TURN, _REST_WINDOW = 0.03, radians(15.0), 0.1
@@ -35,9 +36,12 @@ class Phase(Enum):
     SUPERVISE = "watching the robot"
     TAKE_OVER = "pressing the trigger to take over"
     REGAIN = "waiting for the arm to follow the hand again"
+    PUT_DOWN = "putting the object down"
     DONE = "resting, nothing more to do"
 
 
+_LEADING = (Phase.MOVE, Phase.WATCH, Phase.DWELL, Phase.REGAIN)
+"""What the person is about while the arm is expected to follow the hand."""
 _UNAIDED = (Phase.REST, Phase.MOVE, Phase.WATCH, Phase.DWELL)
 """What the person is about before the robot moves by itself."""
 
@@ -75,6 +79,8 @@ class SimulatedPerson:
         self._triggered = self._trigger_not_before = view.time
         self._robot_began = False
         self._let_go_until = view.time
+        self._halted_since: float | None = None
+        self._putting_down: PuttingDown | None = None
 
     def _first_pose(self, X_WT: Pose) -> Pose:
         axis = self._rng.normal(size=3)
@@ -87,7 +93,9 @@ class SimulatedPerson:
     def step(self, time: float, view: OperatorView) -> tuple[Pose, bool, bool]:
         """Go through one sample period up to ``time``: return the reported hand, the clutch and the trigger."""
         self._observe(time, view)
-        if view.finished:
+        if self._putting_down is not None or (view.finished and self._plan[self._current].put_down):
+            self._put_down(time, view)
+        elif view.finished:
             self._enter(Phase.DONE, time)
         else:
             if view.automatic and self.phase in _UNAIDED:
@@ -96,7 +104,9 @@ class SimulatedPerson:
                 self._enter(Phase.SUPERVISE, time)
             self._decide(time, view)
         X_SH = self._hand.advance(self._movement, time)
-        return X_SH, time >= self._let_go_until, self.phase in (Phase.HAND_OVER, Phase.TAKE_OVER)
+        pressed = self.phase in (Phase.HAND_OVER, Phase.TAKE_OVER)
+        pressed = pressed or (self._putting_down is not None and self._putting_down.trigger)
+        return X_SH, time >= self._let_go_until, pressed
 
     def _observe(self, time: float, view: OperatorView) -> None:
         # An object that is hidden for a while is kept where it was.
@@ -107,7 +117,35 @@ class SimulatedPerson:
         if self.phase in (Phase.HAND_OVER, Phase.SUPERVISE):
             self._robot_began = self._robot_began or view.automatic
 
+        if not view.halted or time < self._let_go_until + self._human.reaction:
+            self._halted_since = None
+        elif self._halted_since is None:
+            self._halted_since = time
+
+    def _sees_it_halted(self, time: float) -> bool:
+        return self._halted_since is not None and time - self._halted_since >= self._human.reaction
+
+    def _put_down(self, time: float, view: OperatorView) -> None:
+        """Go on with putting the object down, and with the plan afterwards."""
+        putting = self._putting_down
+        if putting is None:
+            self._enter(Phase.PUT_DOWN, time)
+            place = self._plan[self._current].place
+            putting = PuttingDown(place, self._R_SW, self._human, Stage.ALIGN, time)
+        putting = putting.after(time, view, self._hand.X_SH)
+        self._putting_down, self._movement = putting, putting.movement
+        if putting.done:
+            self._putting_down = None
+            if view.halted:
+                self._let_go_until = time + self._human.press
+            self._next_intention(time, view)
+
     def _decide(self, time: float, view: OperatorView) -> None:
+        if self.phase in _LEADING and self._sees_it_halted(time):
+            # A motion that is repeated against a halted arm leads nowhere: letting go and taking hold again does.
+            self._let_go_until = time + self._human.press
+            self._reach_out(self._let_go_until + self._human.reaction, view, self._aim)
+            return
         in_phase = time - self._since
         match self.phase:
             case Phase.REST if in_phase >= self._human.initial_rest:

@@ -147,10 +147,14 @@ class Intention(Checked):
     Attributes:
         object: name of the object.
         then_take_over_after: how long after the trigger the person takes over again [s]; None: not at all.
+        put_down: whether the person has the object put down once it has been carried, and goes on with the plan.
+        place: where: x, y of the tool in W [m]; None for below where it was carried.
     """
 
     object: str
     then_take_over_after: Annotated[float | None, Positive] = None
+    put_down: bool = False
+    place: Annotated[tuple[float, float] | None, Each(Finite)] = None
 
 
 @dataclass(frozen=True)
