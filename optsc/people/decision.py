@@ -15,7 +15,7 @@ from optsc.geometry.rotation import Array
 from optsc.operators.sample import OperatorView
 from optsc.people.motor import Movement, SimulatedHand
 from optsc.people.parameters import AimParameters, HumanParameters, Intention
-from optsc.people.putting_down import PuttingDown, Stage
+from optsc.people.putting_down import PlacingStage, PuttingDown
 from optsc.people.ready_pose import Aim, adjust_aim, draw_aim
 
 _REST_SPEED, _REST_TURN, _REST_WINDOW = 0.03, radians(15.0), 0.1
@@ -131,7 +131,7 @@ class SimulatedPerson:
         if putting is None:
             self._enter(Phase.PUT_DOWN, time)
             place = self._plan[self._current].place
-            putting = PuttingDown(place, self._R_SW, self._human, Stage.ALIGN, time)
+            putting = PuttingDown(place, self._R_SW, self._human, PlacingStage.ALIGN, time)
         putting = putting.after(time, view, self._hand.X_SH)
         self._putting_down, self._movement = putting, putting.movement
         if putting.done:

@@ -19,7 +19,7 @@ from optsc.people.parameters import HumanParameters
 _MOST_PRESSES = 4
 
 
-class Stage(Enum):
+class PlacingStage(Enum):
     """How far the person has come."""
 
     ALIGN = "turning the hand as the tool is"
@@ -46,7 +46,7 @@ class PuttingDown(NamedTuple):
     place: tuple[float, float] | None
     R_SW: Array
     human: HumanParameters
-    stage: Stage
+    stage: PlacingStage
     since: float
     movement: Movement | None = None
     began: bool = False
@@ -55,47 +55,47 @@ class PuttingDown(NamedTuple):
     @property
     def trigger(self) -> bool:
         """Whether the trigger is pressed."""
-        return self.stage in (Stage.TAKE, Stage.HAND_OVER)
+        return self.stage in (PlacingStage.TAKE, PlacingStage.HAND_OVER)
 
     @property
     def done(self) -> bool:
         """Whether there is nothing left to put down."""
-        return self.stage is Stage.DONE
+        return self.stage is PlacingStage.DONE
 
     def after(self, time: float, view: OperatorView, X_SH: Pose) -> PuttingDown:
         """Return what is done one sample later, at ``time`` [s], with the hand at ``X_SH``."""
         waited, human = time - self.since, self.human
         rested = self.movement is None or time >= self.movement.end + human.reaction
         match self.stage:
-            case Stage.ALIGN if self.movement is None:
+            case PlacingStage.ALIGN if self.movement is None:
                 return self._replace(movement=self._alignment(time + human.reaction, view, X_SH))
-            case Stage.ALIGN if rested:
-                return self._at(Stage.TAKE, time)
-            case Stage.TAKE if waited >= human.press:
-                return self._at(Stage.BRING, time)
-            case Stage.BRING if view.automatic and waited >= human.retrigger:
-                return self._at(Stage.TAKE, time)
-            case Stage.BRING if self.movement is None and waited >= human.reaction and not view.automatic:
+            case PlacingStage.ALIGN if rested:
+                return self._at(PlacingStage.TAKE, time)
+            case PlacingStage.TAKE if waited >= human.press:
+                return self._at(PlacingStage.BRING, time)
+            case PlacingStage.BRING if view.automatic and waited >= human.retrigger:
+                return self._at(PlacingStage.TAKE, time)
+            case PlacingStage.BRING if self.movement is None and waited >= human.reaction and not view.automatic:
                 return self._replace(movement=self._carriage(time, view))
-            case Stage.BRING if self.movement is not None and rested and waited >= human.retrigger:
-                return self._at(Stage.HAND_OVER, time)._replace(began=False, presses=self.presses + 1)
-            case Stage.HAND_OVER | Stage.WATCH if view.automatic and not self.began:
+            case PlacingStage.BRING if self.movement is not None and rested and waited >= human.retrigger:
+                return self._at(PlacingStage.HAND_OVER, time)._replace(began=False, presses=self.presses + 1)
+            case PlacingStage.HAND_OVER | PlacingStage.WATCH if view.automatic and not self.began:
                 return self._replace(began=True)
-            case Stage.HAND_OVER if waited >= human.press:
-                return self._at(Stage.WATCH, time)
-            case Stage.WATCH:
+            case PlacingStage.HAND_OVER if waited >= human.press:
+                return self._at(PlacingStage.WATCH, time)
+            case PlacingStage.WATCH:
                 return self._watched(time, waited, view)
         return self
 
-    def _at(self, stage: Stage, time: float) -> PuttingDown:
+    def _at(self, stage: PlacingStage, time: float) -> PuttingDown:
         return self._replace(stage=stage, since=time, movement=None)
 
     def _watched(self, time: float, waited: float, view: OperatorView) -> PuttingDown:
         if view.automatic or waited < self.human.retrigger:
             return self
         if view.held is None or view.halted or self.presses >= _MOST_PRESSES:
-            return self._at(Stage.DONE, time)
-        return self._at(Stage.HAND_OVER, time)._replace(began=False, presses=self.presses + 1)
+            return self._at(PlacingStage.DONE, time)
+        return self._at(PlacingStage.HAND_OVER, time)._replace(began=False, presses=self.presses + 1)
 
     def _alignment(self, start: float, view: OperatorView, X_SH: Pose) -> Movement:
         R_SH = rotation.multiply(self.R_SW, view.X_WT.quaternion)
