@@ -114,7 +114,10 @@ class DistanceModel:
         self._q, self._low, self._high, self.settings, self.obstacles = self._kernel.inputs
         """Boxes of the obstacles, one column each, as `optsc.collision.kernels.rows.Box` lays them out."""
         self.settings[:] = margin, table_height or 0.0, 1.0, 1.0, 0.1, 0.1
-        self._rows = self._kernel.outputs[0].T  # (P, 3 + n)
+        rows, self._least_need = self._kernel.outputs
+        self._rows = rows.T  # (P, 3 + n)
+        none = np.zeros(0)
+        self._nothing = DistanceRows(np.zeros(0, dtype=np.intp), none, none, np.zeros((0, robot.n)), none)
         self.obstacles[Box.ABSENT] = 1.0
         for name, (_, X_WO) in obstacles.items():
             self.obstacles[Box.ABSENT, self._parts[name][0]] = 0.0
@@ -181,6 +184,8 @@ class DistanceModel:
         """
         self._q[:], self._low[:], self._high[:] = q, lowest, highest
         self._kernel.run()
+        if self._least_need[0] >= 0.0:
+            return self._nothing
         rows = self._rows
         index = np.flatnonzero(rows[:, 0] < 0.0)
         if len(index) > most:

@@ -277,3 +277,31 @@ def test_impossible_scenes_and_moves_are_refused():
         model().move("block", SOMEWHERE, [np.nan] * 6)
     with pytest.raises(UnknownName, match="block"):
         model().move("cup", SOMEWHERE)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_what_is_skipped_as_too_far_away_could_not_have_mattered(name):
+    robot, rng = load_robot(name), np.random.default_rng(5)
+    block = cuboid(0.1, 0.2, 0.3), Pose.from_quaternion(rotation.exp([0.2, -0.4, 0.6]), [0.4, 0.1, 0.4])
+    model, counted = DistanceModel(robot, {"block": block}), 0
+    # The others keep less than the margin.
+    roomy = model.distances(robot.home)[0] > 0.02
+    for _ in range(150):
+        q = robot.random_configuration(rng)
+        v = rng.uniform(-1.0, 1.0, robot.n) * robot.limits.velocity * rng.choice([0.02, 0.2, 1.0])
+        low, high = v - 0.1, v + 0.1
+        found = model.rows(q, low, high, len(model.pairs))
+        distance, gradient = model.distances(q)
+        # The worst that this tick can do to a distance, however far away it is, against what it may do at most.
+        worst = gradient @ (0.5 * (low + high)) - np.abs(gradient) @ (0.5 * (high - low))
+        near = np.zeros(len(distance), dtype=bool)
+        near[found.pair] = True
+        np.testing.assert_array_equal(found.distance, distance[near])
+        np.testing.assert_array_equal(found.gradient, gradient[near])
+        able = np.minimum(np.abs(gradient) @ robot.limits.acceleration, 1.0)
+        spare = np.minimum(distance, 1e3) - 0.01
+        allowed = np.sqrt((0.1 * able) ** 2 + 2.0 * able * np.maximum(spare, 0.0)) - 0.1 * able
+        moving = (np.abs(gradient).max(axis=1) > 1e-3) & np.isfinite(distance) & (spare > 0.0) & roomy
+        np.testing.assert_array_equal((worst < -allowed - 1e-9) & moving, near & moving)
+        counted += len(found.pair)
+    assert counted > 300

@@ -9,15 +9,15 @@ keeps it below the true distance wherever two bodies do not touch.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi
 import numpy as np
 
 from optsc.collision.kernels.capsules import TINY, LinkCapsules, clip, nearest_shares, nearest_to_box, norm
-from optsc.collision.kernels.rows import HEAD, Box, PairFunctions, RowBuilder, RowSettings
+from optsc.collision.kernels.rows import HEAD, Box, Pair, PairFunctions, RowBuilder, RowSettings
 from optsc.geometry.rotation import Array
-from optsc.kernels.chain import Chain, Rates, joint_frames
+from optsc.kernels.chain import Chain, JointFrame, Rates, joint_frames
 from optsc.kernels.symbols import symbols
 
 BLEND = 1e-3
@@ -41,8 +41,8 @@ class TableEnd(NamedTuple):
 
 
 def _self_pair(rows: RowBuilder) -> PairFunctions:
-    """Two capsules; constants (5): radii and blend, c of both, margin, radii and half lengths."""
-    constants = casadi.SX.sym("constants", 5)
+    """Two capsules; constants (6): radii and blend, c of both, margin, is the first longer, half the shorter."""
+    constants = casadi.SX.sym("constants", 6)
     reach, c, margin = constants[0], constants[1:3], constants[3]
     a, b = rows.ends(rows.capsule), rows.ends(rows.other)
     s, t, blend = nearest_shares(a, b, c)
@@ -53,9 +53,17 @@ def _self_pair(rows: RowBuilder) -> PairFunctions:
     length = casadi.sqrt(casadi.dot(gap, gap) + blend)
     n, at_a, at_b = gap / length, a[0] + s * (a[1] - a[0]), b[0] + t * (b[1] - b[0])
     gradient = rows.along(rows.capsule, at_a, n) - rows.along(rows.other, at_b, n)
-    bound = 0.5 * norm(a[0] + a[1] - b[0] - b[1]) - constants[4]
+    # The longer segment to the middle of the shorter one. Where it is a constant which it is, only one is worked out.
+    nearest = casadi.if_else(constants[4], _to_middle(a, b), _to_middle(b, a))
+    bound = nearest - constants[5] - reach
     row = rows.row(length - reach, gradient, margin, scale=norm(gap) / length)
     return rows.pair("self_pair", [rows.capsule, rows.other, constants], bound, row)
+
+
+def _to_middle(a: Sequence[casadi.SX], b: Sequence[casadi.SX]) -> casadi.SX:
+    """Return the distance of a segment from the middle of another one."""
+    along, offset = a[1] - a[0], 0.5 * (b[0] + b[1]) - a[0]
+    return norm(offset - clip(casadi.dot(along, offset) / (casadi.dot(along, along) + TINY)) * along)
 
 
 def _into_box(a: casadi.SX, b: casadi.SX, half: casadi.SX) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
@@ -115,40 +123,77 @@ def _box_pair(rows: RowBuilder) -> PairFunctions:
     return rows.pair("box_pair", [rows.capsule, constants, box], bound, row)
 
 
-def _table_row(rows: RowBuilder) -> casadi.Function:
-    """A capsule; constants (3): radius, which end, margin; its height comes from the settings."""
-    constants = casadi.SX.sym("constants", 3)
+def _table_end(rows: RowBuilder) -> PairFunctions:
+    """A capsule; constants (3): radius, which end, margin; the height of the table."""
+    constants, table = casadi.SX.sym("constants", 3), casadi.SX.sym("table")
     end = constants[1]
     a, b = rows.ends(rows.capsule)
-    height = a[2] + end * (b[2] - a[2]) - constants[0] - rows.settings[RowSettings.TABLE_HEIGHT]
+    height = a[2] + end * (b[2] - a[2]) - constants[0] - table
     gradient = rows.along(rows.capsule, a + end * (b - a), casadi.SX([0, 0, 1]))
     row = rows.row(height, gradient, constants[2])
-    return casadi.Function("table_row", [rows.capsule, constants, *rows.shared], [row])
+    return rows.pair("table_end", [rows.capsule, constants, table], height, row)
 
 
 def _placed_capsules(chain: Chain, capsules: LinkCapsules) -> casadi.Function:
-    """(q, low, high) -> capsules (8, C) as `RowBuilder` has them, and axes and origins of the joints (6, n), in W."""
+    """(q, low, high) -> capsules (8, C) as `RowBuilder` has them, axes and origins of the joints (6, n), in W; speeds.
+
+    The speeds (2 n, n + 1) are how fast each joint's frame can move at its origin, then how fast it can turn, as seen
+    from each frame before it; in the last column as seen from the world.
+    """
     n = chain.n
     inputs = symbols(casadi.SX, q=n, low=n, high=n)
     q, low, high = inputs
     frames = joint_frames(chain, q)
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    speeds = _greatest_speeds(frames, 0.5 * (low + high), 0.5 * (high - low))
     columns = []
     for joint, ends in zip(capsules.joint.tolist(), capsules.ends, strict=True):
-        points, speeds = [], []
-        for end in ends:
-            R, p = (casadi.SX.eye(3), casadi.SX(3, 1)) if joint < 0 else frames[joint][:2]
-            point = p + R @ casadi.DM(end)
-            velocity, more = casadi.SX(3, 1), casadi.SX(0.0)
-            for i, frame in enumerate(frames[: joint + 1]):
-                column = frame.axis if frame.slides else casadi.cross(frame.axis, point - frame.origin)
-                velocity, more = velocity + column * middle[i], more + norm(column) * half[i]
-            points.append(point)
-            speeds.append(norm(velocity) + more)
-        columns.append(casadi.vertcat(*points, casadi.fmax(*speeds), joint))
+        R, p = (casadi.SX.eye(3), casadi.SX(3, 1)) if joint < 0 else frames[joint][:2]
+        linear, angular = speeds[joint] if joint >= 0 else (0.0, 0.0)
+        lever = float(np.linalg.norm(ends, axis=1).max())
+        points = [p + R @ casadi.DM(end) for end in ends]
+        columns.append(casadi.vertcat(*points, linear + angular * lever, joint))
     axes = casadi.horzcat(*[casadi.vertcat(frame.axis, frame.origin) for frame in frames])
-    outputs = [casadi.densify(casadi.horzcat(*columns)), casadi.densify(axes)]
+    relative = _relative_speeds(frames, casadi.fmax(casadi.fabs(low), casadi.fabs(high)))
+    outputs = [casadi.densify(x) for x in (casadi.horzcat(*columns), axes, relative)]
     return casadi.Function("placed_capsules", inputs, outputs)
+
+
+def _greatest_speeds(
+    frames: Sequence[JointFrame], middle: casadi.SX, half: casadi.SX
+) -> list[tuple[casadi.SX, casadi.SX]]:
+    """Return how fast each joint's frame can move at its origin, and turn [m/s, rad/s], with velocities middle ± half.
+
+    Bounds: what a joint does to the frames before it is added up without regard to directions.
+    """
+    found, turning, spread = [], casadi.SX(3, 1), casadi.SX(0.0)
+    for j, frame in enumerate(frames):
+        velocity, more = casadi.SX(3, 1), casadi.SX(0.0)
+        for i, before in enumerate(frames[: j + 1]):
+            column = before.axis if before.slides else casadi.cross(before.axis, frame.p - before.origin)
+            velocity, more = velocity + column * middle[i], more + norm(column) * half[i]
+        if not frame.slides:
+            turning, spread = turning + frame.axis * middle[j], spread + half[j]
+        found.append((norm(velocity) + more, norm(turning) + spread))
+    return found
+
+
+def _relative_speeds(frames: Sequence[JointFrame], most: casadi.SX) -> casadi.SX:
+    """Return how fast frames can move and turn as seen from those before them (2 n, n + 1), see `_placed_capsules`.
+
+    Only the joints between two frames move them against each other; ``most`` (n,) is how fast each can be.
+    """
+    n = len(frames)
+    speeds = casadi.SX(2 * n, n + 1)
+    for j, frame in enumerate(frames):
+        linear, angular = casadi.SX(0.0), casadi.SX(0.0)
+        for i in range(j, -1, -1):
+            before = frames[i]
+            column = before.axis if before.slides else casadi.cross(before.axis, frame.p - before.origin)
+            linear = linear + norm(column) * most[i]
+            angular = angular if before.slides else angular + most[i]
+            seen_from = i - 1 if i else n
+            speeds[j, seen_from], speeds[n + j, seen_from] = linear, angular
+    return speeds
 
 
 def _blend(radius: Array, length: Array) -> Array:
@@ -168,50 +213,64 @@ def distance_rows(
 
     Inputs: q (n); lowest and highest velocity of the next tick (n); settings (6), see `RowSettings`; boxes (23, B),
     see `Box`. Output: (3 + n, P) with need, lower bound, distance and gradient in each column: first the
-    ``self_pairs``, then the ``table_ends``, then each of the ``boxes`` with all capsules that move.
+    ``self_pairs``, then the ``table_ends``, then each of the ``boxes`` with all capsules that move; and the least need.
     """
     rows, n = RowBuilder(chain, rates), chain.n
     inputs = symbols(casadi.MX, q=n, low=n, high=n, settings=RowSettings.SIZE, boxes=(Box.SIZE, max(boxes, 1)))
     q, low, high, settings, box = inputs
-    placed, axes = _placed_capsules(chain, capsules)(q, low, high)
+    placed, axes, speeds = _placed_capsules(chain, capsules)(q, low, high)
     shared = [low, high, settings, axes]
     length = capsules.length
-    parts = [casadi.MX(HEAD + n, 0)]
+    parts = []
     if self_pairs:
-        parts.append(_self_rows(rows, capsules.radius, length, self_pairs, placed, shared))
+        parts.append(_self_rows(rows, capsules, length, self_pairs)(placed, speeds, *shared))
     if table_ends:
-        which = [end.capsule for end in table_ends]
-        constants = np.array([[capsules.radius[end.capsule], end.end, end.margin] for end in table_ends])
-        each = _table_row(rows).map("table_rows", "serial", len(table_ends), [2, 3, 4, 5], [])
-        parts.append(each(placed[:, which], casadi.DM(constants.T), *shared))
+        parts.append(_table_rows(rows, capsules, table_ends)(placed, *shared))
     if boxes:
-        which = capsules.moving
-        constants = _box_constants(capsules, length)[:, which]
-        with_box = _with_one_box(rows, casadi.DM(constants)).map("boxes", "serial", boxes, [0, 2, 3, 4, 5], [])
-        found = with_box(placed[:, which], box, *shared)
-        parts.append(casadi.reshape(found, HEAD + n, len(which) * boxes))
-    out = casadi.densify(casadi.horzcat(*parts))
-    return casadi.Function("distance_rows", inputs, [out])
+        with_box = _with_one_box(rows, capsules, length)
+        parts += [with_box(placed, box[:, k], *shared) for k in range(boxes)]
+    out = casadi.densify(casadi.horzcat(casadi.MX(HEAD + n, 0), *(found for found, _ in parts)))
+    least = casadi.mmin(casadi.vertcat(1.0, *(least for _, least in parts)))
+    return casadi.Function("distance_rows", inputs, [out, least])
 
 
-def _self_rows(
-    rows: RowBuilder,
-    radius: Array,
-    length: Array,
-    pairs: Sequence[SelfPair],
-    placed: casadi.MX,
-    shared: Sequence[casadi.MX],
-) -> casadi.MX:
-    first, second = [pair.first for pair in pairs], [pair.second for pair in pairs]
-    margin = np.array([pair.margin for pair in pairs])
-    both = radius[first] + radius[second]
-    # Each of the two segments is blended by half.
-    c = 0.5 * _blend(both, np.maximum(length[first], length[second]))
-    reach = both + 0.5 * (length[first] + length[second]) + BLEND
-    constants = casadi.MX(casadi.DM(np.stack([both + BLEND, c, c, margin, reach])))
-    inputs: list[casadi.MX] = [placed[:, first], placed[:, second], constants]
-    speed = placed[6, first] + placed[6, second]
-    return _self_pair(rows).each(inputs, speed, casadi.MX(casadi.DM(margin).T), shared)
+def _self_rows(rows: RowBuilder, capsules: LinkCapsules, length: Array, pairs: Sequence[SelfPair]) -> casadi.Function:
+    """(capsules (8, C), speeds, shared ...) -> rows (3 + n, P), least need."""
+    radius, n = capsules.radius, rows.n
+    lever = np.linalg.norm(capsules.ends, axis=2).max(axis=1)
+
+    def found(inputs: Sequence[Any], _settings: Any) -> list[Pair]:
+        placed, speeds = inputs
+        result = []
+        for a, b, margin in pairs:
+            # Each of the two segments is blended by half.
+            both = radius[a] + radius[b]
+            c = 0.5 * float(_blend(both, np.maximum(length[a], length[b])))
+            shorter = 0.5 * min(length[a], length[b])
+            constants = casadi.DM([both + BLEND, c, c, margin, float(length[a] >= length[b]), shorter])
+            inner, outer = sorted((a, b), key=lambda k: int(capsules.joint[k]))
+            seen_from, joint = int(capsules.joint[inner]) % (n + 1), int(capsules.joint[outer])
+            speed = speeds[joint, seen_from] + speeds[n + joint, seen_from] * float(lever[outer])
+            speed = casadi.fmin(speed, placed[6, a] + placed[6, b])
+            result.append(Pair([placed[:, a], placed[:, b], constants], speed, margin))
+        return result
+
+    sizes = {"capsules": (rows.CAPSULE, len(radius)), "speeds": (2 * n, n + 1)}
+    return _self_pair(rows).together("self_rows", sizes, found)
+
+
+def _table_rows(rows: RowBuilder, capsules: LinkCapsules, ends: Sequence[TableEnd]) -> casadi.Function:
+    """(capsules (8, C), shared ...) -> rows (3 + n, E), least need."""
+
+    def found(inputs: Sequence[Any], settings: Any) -> list[Pair]:
+        (placed,), table = inputs, settings[RowSettings.TABLE_HEIGHT]
+        result = []
+        for k, end, margin in ends:
+            constants = casadi.DM([capsules.radius[k], end, margin])
+            result.append(Pair([placed[:, k], constants, table], placed[6, k], margin))
+        return result
+
+    return _table_end(rows).together("table_rows", {"capsules": (rows.CAPSULE, len(capsules.link))}, found)
 
 
 def _box_constants(capsules: LinkCapsules, length: Array) -> Array:
@@ -221,13 +280,18 @@ def _box_constants(capsules: LinkCapsules, length: Array) -> Array:
     return np.stack([capsules.radius + BLEND * (c > 0.0), c, capsules.hand, reach])
 
 
-def _with_one_box(rows: RowBuilder, constants: casadi.DM) -> casadi.Function:
-    """(capsules (8, m), box, shared ...) -> rows (3 + n, m), one after another."""
-    count = constants.shape[1]
-    capsules, box = casadi.MX.sym("capsules", rows.CAPSULE, count), casadi.MX.sym("box", Box.SIZE)
-    shared = [casadi.MX.sym(f"shared{k}", *x.shape) for k, x in enumerate(rows.shared)]
-    drift = casadi.norm_2(box[Box.LINEAR]) + casadi.norm_2(box[Box.ANGULAR]) * (casadi.norm_2(box[Box.HALF]))
-    inputs: list[casadi.MX] = [capsules, casadi.MX(constants), box]
-    margin = shared[2][RowSettings.MARGIN]
-    found = _box_pair(rows).each(inputs, capsules[6, :] + drift, margin, shared, fixed=1)
-    return casadi.Function("with_box", [capsules, box, *shared], [casadi.vec(found)])
+def _with_one_box(rows: RowBuilder, capsules: LinkCapsules, length: Array) -> casadi.Function:
+    """(capsules (8, C), box, shared ...) -> rows (3 + n, m) of those that move, least need."""
+    constants = _box_constants(capsules, length)
+
+    def found(inputs: Sequence[Any], settings: Any) -> list[Pair]:
+        placed, box = inputs
+        linear, angular, half = (box[part] for part in (Box.LINEAR, Box.ANGULAR, Box.HALF))
+        drift = casadi.norm_2(linear) + casadi.norm_2(angular) * casadi.norm_2(half)
+        margin = settings[RowSettings.MARGIN]
+        return [
+            Pair([placed[:, k], casadi.DM(constants[:, k]), box], placed[6, k] + drift, margin) for k in capsules.moving
+        ]
+
+    sizes = {"capsules": (rows.CAPSULE, len(capsules.link)), "box": Box.SIZE}
+    return _box_pair(rows).together("with_box", sizes, found)

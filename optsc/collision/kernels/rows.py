@@ -10,14 +10,14 @@ It has the slope 1/T on both sides of d = 0, the end of the margin, so an arm co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import casadi
 import numpy as np
 
 from optsc.kernels.chain import Chain, Rates
-from optsc.kernels.symbols import only_if
+from optsc.kernels.symbols import only_if, symbols
 
 FLAT = 1e-4
 """Gradients shorter than this [m/rad] are no row: no motion of the arm changes such a distance."""
@@ -106,7 +106,15 @@ class RowBuilder:
         arguments = [known, *inputs, *self.shared]
         exact = casadi.Function(f"{name}_exact", arguments, [row])
         chosen = only_if(exact, arguments, [self.far(known)])
-        return PairFunctions(casadi.Function(f"{name}_bound", inputs, [bound]), chosen, self.stop_rate)
+        return PairFunctions(casadi.Function(f"{name}_bound", inputs, [bound]), chosen, self)
+
+
+class Pair(NamedTuple):
+    """One pair: the inputs of its functions, greatest speed that it can have [m/s], and distance that it keeps [m]."""
+
+    inputs: Sequence[Any]
+    speed: Any
+    margin: Any
 
 
 class PairFunctions(NamedTuple):
@@ -114,26 +122,50 @@ class PairFunctions(NamedTuple):
 
     bound: casadi.Function
     row: casadi.Function
-    stop_rate: float
+    builder: RowBuilder
 
-    def each(
-        self,
-        inputs: Sequence[casadi.MX],
-        speed: casadi.MX,
-        margin: casadi.MX,
-        shared: Sequence[casadi.MX],
-        fixed: int = 0,
-    ) -> casadi.MX:
-        """Return the rows (3 + n, count) of pairs side by side; the last ``fixed`` inputs they have in common.
+    def together(
+        self, name: str, sizes: Mapping[str, int | tuple[int, int]], pairs: Callable[[Sequence[Any], Any], list[Pair]]
+    ) -> casadi.Function:
+        """Return (inputs of ``sizes``, shared inputs) -> rows (3 + n, P) of P pairs, and the least need of them.
 
-        Pairs that can still brake from the greatest ``speed`` (1, count) [m/s] that they can have are skipped.
+        Pairs that can still brake from their greatest speed are skipped; where that is all of them, all are at once.
+
+        Args:
+            name: of the function.
+            sizes: names and sizes of the inputs.
+            pairs: given the inputs and the settings, returns the pairs.
         """
-        count, settings = speed.shape[1], shared[2]
-        common = list(range(len(inputs) - fixed, len(inputs) + len(shared)))
-        bound = self.bound.map("bounds", "serial", count, common[:fixed], [])(*inputs)
+        builder = self.builder
+        inputs, shared = symbols(casadi.MX, **sizes), [casadi.MX.sym("shared", *x.shape) for x in builder.shared]
+        near, bounds, any_near = self._near(sizes, pairs)(*inputs, shared[2])
+        count = near.shape[1]
+        flags, known = symbols(casadi.MX, near=(1, count), known=(1, count))
+        arguments = [*inputs, *shared, flags, known]
+        # One call after another: a map would copy what its calls have in common.
+        rows = [self.row(flags[k], known[k], *pair.inputs, *shared) for k, pair in enumerate(pairs(inputs, shared[2]))]
+        side_by_side = casadi.horzcat(*rows)
+        exact = casadi.Function(f"{name}_exact", arguments, [side_by_side, casadi.mmin(side_by_side[0, :])])
+        chosen = only_if(exact, arguments, [self._all_far(count)(known), casadi.MX(1.0)])
+        return casadi.Function(name, [*inputs, *shared], list(chosen(any_near, *inputs, *shared, near, bounds)))
+
+    def _near(
+        self, sizes: Mapping[str, int | tuple[int, int]], pairs: Callable[[Sequence[Any], Any], list[Pair]]
+    ) -> casadi.Function:
+        """(inputs, settings) -> which pairs may matter (1, P), bounds of their distances (1, P), whether any may."""
+        *inputs, settings = symbols(casadi.SX, **sizes, settings=RowSettings.SIZE)
         # With |g v| <= speed and the deceleration share * sum |g_i| A_i, up to its cap, the stop is no longer.
         delay, share, most = (settings[k] for k in (RowSettings.DELAY, RowSettings.BRAKING, RowSettings.MOST_BRAKING))
-        time = delay + 0.5 * casadi.fmax(1.0 / (share * self.stop_rate), speed / most)
-        near = bound - margin < speed * time
-        rows = self.row.map("rows", "serial", count, [2 + k for k in common], [])
-        return rows(near, bound, *inputs, *shared)
+        some, flags, bounds = casadi.SX(0), [], []
+        for pair in pairs(inputs, settings):
+            time = delay + 0.5 * casadi.fmax(1.0 / (share * self.builder.stop_rate), pair.speed / most)
+            bounds.append(self.bound(*pair.inputs))
+            flags.append(bounds[-1] - pair.margin < pair.speed * time)
+            some = casadi.logic_or(some, flags[-1])
+        outputs = [casadi.densify(casadi.horzcat(*flags)), casadi.densify(casadi.horzcat(*bounds)), some]
+        return casadi.Function("near", [*inputs, settings], outputs)
+
+    def _all_far(self, count: int) -> casadi.Function:
+        """Bounds (1, count) -> the rows that stand for pairs that cannot matter."""
+        known = casadi.SX.sym("known", 1, count)
+        return casadi.Function("far", [known], [casadi.horzcat(*(self.builder.far(known[k]) for k in range(count)))])
