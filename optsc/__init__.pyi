@@ -25,6 +25,7 @@ from . import testing as testing
 from . import viewers as viewers
 from .control.approach import Approach as Approach
 from .control.controller import SharedController as SharedController
+from .control.measured_arm import TrackingTolerance as TrackingTolerance
 from .control.modes import Mode as Mode
 from .control.policies import make_policy as make_policy
 from .control.servo import Servo as Servo

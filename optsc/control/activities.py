@@ -193,11 +193,11 @@ class Missing(NamedTuple):
     @classmethod
     def of(cls, servo: Servo, arm: MeasuredArm, p: Vector, q: Quaternion) -> Missing | None:
         """Return it for the pose ``p``, ``q``; None while the readings of the arm are not believed."""
-        if arm.q is None or not arm.believed:
+        tool = arm.tool(servo.robot)
+        if tool is None:
             return None
-        X_WT = servo.robot.forward(arm.q)
-        x, y, z = X_WT.translation.tolist()
-        turn = scalar.multiply(tuple(X_WT.quaternion.tolist()), scalar.conjugate(q))
+        (x, y, z), tool_q = tool
+        turn = scalar.multiply(tool_q, scalar.conjugate(q))
         return cls(hypot(x - p[0], y - p[1], z - p[2]), scalar.angle(turn))
 
     def within(self, settings: Approach) -> bool:

@@ -211,7 +211,11 @@ def _asked_of_jaws(parts: Parts, state: ControllerState, pressed: frozenset[Butt
 def _grasp_here(parts: Parts, state: ControllerState) -> Happening:
     if state.opening < parts.modes.open:
         return Happening(released(parts.modes, state, parts.servo), None, "the jaws open")
-    target, refusal = parts.choice.near(state.choice, parts.servo, parts.within)
+    # Where the arm is decides what is between the jaws, not where it is commanded to be.
+    at = state.arm.tool(parts.servo.robot)
+    if at is None:
+        return Happening(state, None, state.arm.doubt)
+    target, refusal = parts.choice.near(state.choice, *at, parts.within)
     if refusal:
         return Happening(state, None, refusal)
     return Happening(state._replace(target=target), Event.GRASPED)

@@ -16,7 +16,7 @@ from optsc.control.arbitration import Goal, GraspPose
 from optsc.control.path_feasibility import PathFeasibility, grasp_path_feasibility, most_feasible
 from optsc.control.servo import Servo
 from optsc.geometry import Pose, rotation, scalar
-from optsc.geometry.scalar import Vector
+from optsc.geometry.scalar import Quaternion, Vector
 from optsc.grasps import Candidates
 from optsc.operators.clutch import ClutchSettings, Hand
 from optsc.robot import RobotModel
@@ -280,8 +280,10 @@ class GraspChoice:
                 return ranking.target_of(self._aim(goal).candidate)
         return ranking.target()
 
-    def near(self, state: ChoiceState, servo: Servo, within: tuple[float, float] | None) -> tuple[Target | None, str]:
-        """Return the grasp that the tool is at, within a distance and an angle, or why there is none."""
+    def near(
+        self, state: ChoiceState, p: Vector, q: Quaternion, within: tuple[float, float] | None
+    ) -> tuple[Target | None, str]:
+        """Return the grasp that a tool at ``p``, ``q`` is at, within a distance and an angle, or why there is none."""
         if within is None:
             return None, ""
         table = self.selector.table
@@ -290,7 +292,6 @@ class GraspChoice:
         goals = Goals.of(table, self._vetoed(table))
         if not goals.names:
             return None, "no grasp can be reached"
-        p, q = servo.reference
         here = cost_to_go(self.intent or IntentSettings(), goals, np.array(p), np.array(q))
         k = int(np.argmin(here.value))
         distance, angle = float(here.distance[k]), float(here.angle[k])

@@ -17,6 +17,7 @@ import numpy as np
 from optsc.checks import Checked, Positive
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
+from optsc.geometry.scalar import Quaternion, Vector
 from optsc.robot import JointLimits, RobotModel
 
 ENOUGH = 5
@@ -129,6 +130,14 @@ class MeasuredArm(NamedTuple):
             return last
         a, b = self.before
         return np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), last))
+
+    def tool(self, robot: RobotModel) -> tuple[Vector, Quaternion] | None:
+        """Return position and orientation of the tool in W; None while the readings are not believed."""
+        q = self.q
+        if q is None or not self.believed:
+            return None
+        X_WT = robot.forward(q)
+        return tuple(X_WT.translation.tolist()), tuple(X_WT.quaternion.tolist())
 
     @property
     def silent(self) -> bool:
