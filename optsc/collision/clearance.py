@@ -115,6 +115,7 @@ def level_ends(robot: RobotModel) -> np.ndarray:
     return still
 
 
+@lru_cache(maxsize=16)
 def _heights(robot: RobotModel) -> tuple[Array, Array]:
     """Return the least and the greatest height (C, 2) of the ends of the hulls' capsules over samples [m]."""
     q = sampled_configurations(robot)[:SAMPLES].T

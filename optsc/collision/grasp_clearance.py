@@ -25,6 +25,10 @@ class GraspClearance:
 
     scene: CollisionScene
 
+    def __post_init__(self) -> None:
+        # Here, where a scene is made, and not at the first check, which may be in a control tick.
+        self.scene.prepare()
+
     def __call__(self, q_grasp: Array, q_pregrasp: Array, candidates: Candidates) -> np.ndarray:
         """Return which rows (R,) are clear."""
         targets = [candidates.object_names[k] for k in candidates.object_index.tolist()]
@@ -32,6 +36,18 @@ class GraspClearance:
         rest = np.flatnonzero(clear)  # a row that touches something already needs no second look
         clear[rest] = self.scene.clear(q_grasp[rest], hand_may_touch=[targets[k] for k in rest]).clear
         return clear
+
+    def certainly_clear(self, q: Array, hand_may_touch: np.ndarray) -> np.ndarray:
+        """Return which configurations (R, n) touch nothing for certain (R,), as quick as that can be told.
+
+        ``hand_may_touch`` (R,) names an object for each configuration, "" for none.
+        """
+        world, own = self.scene.certainly_clear(q, hand_may_touch)
+        return world & own
+
+    def clear(self, q: Array, hand_may_touch: np.ndarray) -> np.ndarray:
+        """Return which configurations (R, n) touch nothing (R,) but the object each that the hand may touch."""
+        return self.scene.clear(q, hand_may_touch=hand_may_touch.tolist()).clear
 
     def distances(self, q: Array, hand_may_touch: np.ndarray | None = None) -> Array:
         """Return the clearances (R,) of configurations (R, n) [m], at most `optsc.collision.clearance.HORIZON`.

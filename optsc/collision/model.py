@@ -240,7 +240,7 @@ class CollisionScene:
         allowed = np.array([name or "" for name in names])
         if allowed.shape != (len(q),):
             raise InvalidValue("hand_may_touch", allowed.shape, f"shape ({len(q)},), one entry per configuration")
-        world, own = self._certainly_clear(q, allowed)
+        world, own = self.certainly_clear(q, allowed)
         reason = np.full(len(q), "", dtype=object)
         # A given opening is checked even where the capsules, which hold the fingers at any, tell enough.
         some = np.flatnonzero(~(world & own)) if opening is None else np.arange(len(q))
@@ -269,6 +269,11 @@ class CollisionScene:
             contacts[again] = self._checker.first_contacts(full[again], pairs)
         return contacts
 
+    def prepare(self) -> None:
+        """Work out now what the first check would need; that takes a millisecond or two."""
+        if self._arm.covered:
+            self.certainly_clear(self._arm.robot.home[None], np.array([""]))
+
     @cached_property
     def capsules(self) -> ClearanceScene:
         """The same scene made of capsules and boxes, which tells clearances in metres."""
@@ -296,8 +301,11 @@ class CollisionScene:
         request, result = coal.DistanceRequest(), coal.DistanceResult()
         return coal.distance(objects[shape].geometry, at[0], objects[table].geometry, at[1], request, result)
 
-    def _certainly_clear(self, q: Array, allowed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return which configurations (N,) touch nothing of the world, and not themselves, as their capsules tell."""
+    def certainly_clear(self, q: Array, allowed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which configurations ``q`` (N, n) touch nothing of the world, and not themselves, as capsules tell.
+
+        ``allowed`` (N,) names the obstacle that the hand may touch at each configuration; "" for none.
+        """
         if not (self._arm.covered and self._level_links_clear and self.capsules.compiled):
             # Interpreted, the capsules take longer than the bodies themselves.
             return np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)

@@ -68,6 +68,8 @@ class SharedController:
         jaws: what their measured opening means.
         place: how the robot puts down what it holds.
         debounce: presses of the trigger that are closer together than this count as one [s].
+        real_time: whether no tick may take long: what the trigger asks for is then decided within 20 ms, and a new
+            scene is taken in over some hundred ticks. Otherwise both are done at once, however long it takes.
 
     Attributes:
         servo: follows the target.
@@ -96,6 +98,7 @@ class SharedController:
         jaws: JawSettings | None = None,
         place: PlaceSettings | None = None,
         debounce: float = 0.15,
+        real_time: bool = True,
     ) -> None:
         require("debounce", debounce, NonNegative)
         if robot.gripper is None:
@@ -116,7 +119,7 @@ class SharedController:
         self._servo_settings, self._solver, self._avoid = servo or ServoSettings(), solver, avoid
         if intent is None and (self.arbitration.assists or self.arbitration.trigger is Trigger.GRASPS):
             intent = IntentSettings()
-        self._choice = GraspChoice(robot, selector, self.approach, intent, self.arbitration.aim)
+        self._choice = GraspChoice(robot, selector, self.approach, intent, self.arbitration.aim, real_time=real_time)
         arm = MeasuredArm(tracking or TrackingTolerance())
         self.state = ControllerState(clutch or ClutchSettings(), smoothing, self._modes.open, arm=arm)
         self.reset(robot.home)
@@ -180,7 +183,11 @@ class SharedController:
         return self.state.choice.ranking
 
     def observe(self, candidates: Candidates, clear: ClearRows | None = None) -> None:
-        """Take in the candidate grasps of the scene as it is now: solves and scores them all, which takes a while.
+        """Take in the candidate grasps of the scene as it is now.
+
+        Before the first tick after a reset they are all solved and scored here. During a run in real time that is done
+        by the ticks that follow, a few grasps at each; until all are done those known before stay in use, but for those
+        that are no longer there, and `ControlStep.ranking` is still of them.
 
         ``clear`` tells which of them the arm can execute without touching what it should not, see
         `optsc.collision.GraspClearance`. Vetoes and beliefs begin again. If the object that the robot is on its way to
@@ -191,7 +198,7 @@ class SharedController:
             doubt = displaced(state.target, state.choice.candidates, candidates)
         before = self.selector.state
         try:
-            choice = self._choice.observed(state.choice, candidates, self.servo.guard.q.copy(), clear)
+            choice = self._choice.observed(state.choice, self.servo, candidates, clear)
         except BaseException:
             self.selector.state = before
             raise
@@ -254,9 +261,13 @@ class SharedController:
         elapsed = self.servo.period + self.servo.state.loop.late
         self._set(jaws=jaws, arm=self.state.arm.updated(self.robot, elapsed, measured))
         parts = Parts(modes, self._choice, self.servo, self._within, self._debounce)
+        spent = self.state.choice.deciding is not None or self.state.choice.spent == self.servo.state.ticks
         self.state, event, reason = happening(parts, self.state, given, change)
         self._change(event)
+        tuning = self.state.tuning
         self.state, untunable = tuned(parts, self.state, given)
+        after = self.state.tuning
+        spent = spent or (tuning is not None and after is not None and after.was_checked_since(tuning))
         reason = reason or untunable
         time, mode, choice = self.time, self.mode, self.state.choice
         hand = HandInput(monitor.hand, given.new, monitor.clutch, choice.goals, choice.belief.gap, self.state.arm)
@@ -267,10 +278,18 @@ class SharedController:
             event = self._awaited(outcome.event)
             self._change(event)
         reason = outcome.reason or reason
+        choice, trouble = self._choice.worked(
+            self.state.choice,
+            self.servo,
+            leading_hand(self.state),
+            self.clutch,
+            ranks=not mode.automatic,
+            spent=spent or self.state.choice.deciding is not None,
+        )
+        reason = reason or trouble
+        if choice is not self.state.choice:
+            self._set(choice=choice)
         if not mode.automatic:
-            choice = self._choice.followed(choice, self.servo, leading_hand(self.state), self.clutch)
-            if choice is not self.state.choice:
-                self._set(choice=choice)
             self._allow_contact()
         stop = self._reason_of_stop(before, event, reason)
         if self.finished and not self.state.counted:
@@ -299,9 +318,9 @@ class SharedController:
             _LOG.error("a control tick failed; the arm comes to rest", exc_info=error)
         command = self.servo.timed(self.servo.halt(reason))
         self.servo.forget()
-        self._set(
-            mode=Mode.HOLD, entered=self.time, activity=Holding(), target=None, tuning=None, failure=reason, stop=reason
-        )
+        choice = self.state.choice._replace(deciding=None)
+        rest = {"mode": Mode.HOLD, "activity": Holding(), "target": None, "tuning": None}
+        self._set(entered=self.time, choice=choice, failure=reason, stop=reason, **rest)
         state = self.state
         return ControlStep(
             *(time, Mode.HOLD, Event.FAULT, command, state.opening, self.ranking, None, reason), held=state.held
@@ -321,14 +340,22 @@ class SharedController:
             self._set(stop=stop)
         return stop
 
-    def _awaited(self, event: Event) -> Event:
-        """Return the event as it is, or, at the pre-grasp, that the operator is waited for."""
+    def _awaited(self, event: Event) -> Event | None:
+        """Return the event as it is, or, at the pre-grasp, that the operator is waited for.
+
+        While another grasp is looked for, the robot does not go on to the one it comes from.
+        """
+        if event is Event.ARRIVED and self.state.choice.deciding is not None:
+            return None
         tuning = self._modes.fine_tuning
         waits = tuning is not None and tuning.wait and not self.state.confirmed
         return Event.WAITED if self.mode is Mode.APPROACH and event is Event.ARRIVED and waits else event
 
     def _change(self, event: Event | None) -> None:
+        mode = self.mode
         self.state = after_event(self._modes, self.state, self.servo, event)
+        if self.mode is not mode and self.state.choice.deciding is not None:
+            self._set(choice=self.state.choice._replace(deciding=None))
         self._allow_contact()
 
     def _allow_contact(self) -> None:

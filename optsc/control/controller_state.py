@@ -8,8 +8,8 @@ from math import inf
 from typing import NamedTuple
 
 from optsc.control.activities import Activity, Assistance
+from optsc.control.choice_state import ChoiceState
 from optsc.control.fine_tuning import Tuning
-from optsc.control.grasp_choice import ChoiceState
 from optsc.control.holding import Holding
 from optsc.control.jaws import Held, Jaws
 from optsc.control.measured_arm import MeasuredArm
@@ -20,7 +20,7 @@ from optsc.control.status import Command
 from optsc.operators import ClutchSettings
 from optsc.operators.smoothing import Smoothing
 from optsc.selection import Ranking, Target
-from optsc.selection.selector import SelectorState
+from optsc.selection.selector_state import SelectorState
 
 
 class ControllerState(NamedTuple):

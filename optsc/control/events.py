@@ -57,7 +57,7 @@ def happening(parts: Parts, state: ControllerState, given: OperatorInput, change
     Jaws come after what the operator does, unless that means nothing in the present mode.
     """
     state, given = _debounced(parts, state, given)
-    found = _by_operator(parts, state, given)
+    found = _decided(parts, _by_operator(parts, state, given))
     if found.event is Event.FAULT or (state.mode, found.event) in TRANSITIONS:
         return found
     event, reason = _by_jaws(parts, found.state, change)
@@ -123,7 +123,9 @@ def tuned(parts: Parts, state: ControllerState, given: OperatorInput) -> tuple[C
     if Button.NUDGE in monitor.buttons and given.new and given.moved_from and monitor.hand:
         grasp = pose_of(target.X_WG)[1]
         tuning = tuning.pushed(hand_nudge(state.clutch, given.moved_from, monitor.hand, grasp))
-    tuning, reason = tuning.settled(parts.servo.time)
+    reason = ""
+    if state.choice.deciding is None:
+        tuning, reason = tuning.settled(parts.servo.time, parts.choice.pieces(parts.servo))
     activity = state.activity
     if tuning.tuned.target is not target:
         target = tuning.tuned.target
@@ -165,16 +167,41 @@ def _asked_to_go_on(parts: Parts, state: ControllerState, given: OperatorInput, 
     return Happening(state._replace(wish=wish), None, reason or (obstacle if told else ""))
 
 
+def _decided(parts: Parts, found: Happening) -> Happening:
+    """Return what happens where a decision is in the making, and nothing has come between."""
+    if found.state.choice.deciding is None or found.event not in (None, Event.ENGAGED):
+        return found
+    choice, decided = parts.choice.decided(found.state.choice, parts.servo)
+    state = found.state._replace(choice=choice)
+    if decided is None:
+        return found._replace(state=state)
+    target, reason = decided.target, decided.reason
+    if target is not None and target.object_name in state.moved:
+        reason = f"the {target.object_name} was moved, and has not been observed since"
+        target = None
+    reason = "; ".join(filter(None, (found.reason, decided.done, reason)))
+    if target is not None:
+        return Happening(state._replace(target=target), decided.purpose, reason)
+    # What was refused must not be grasped; what was merely the best may.
+    return Happening(state, Event.CANCELLED if decided.done else found.event, reason)
+
+
 def _by_hand(parts: Parts, state: ControllerState, event: Event | None, given: OperatorInput) -> Happening:
     asked = _asked_of_jaws(parts, state, given.pressed)
     if asked is not None:
         return asked
-    grip = state.jaws.grip
+    grip, deciding = state.jaws.grip, state.choice.deciding
     if event is Event.TRIGGERED and grip.may_drop:
         return Happening(state, Event.PUT_DOWN)
     if Button.VETO in given.pressed:
         choice, done = parts.choice.veto(state.choice, None)
-        return Happening(state._replace(choice=choice), event, done)
+        return Happening(state._replace(choice=choice._replace(deciding=None)), event, done)
+    if deciding is not None:
+        opened = deciding.coupled and not state.monitor.clutch
+        if not opened and event is not Event.TRIGGERED:
+            return Happening(state, event)
+        state = state._replace(choice=state.choice._replace(deciding=None))
+        return Happening(state, None, "the clutch is open" if opened else "the trigger was pressed again")
     if event is Event.TRIGGERED and parts.modes.arbitration.trigger is Trigger.GRASPS:
         return _grasp_here(parts, state)
     begins = event is None and not grip.may_drop and _begins_by_itself(parts, state)
@@ -182,13 +209,10 @@ def _by_hand(parts: Parts, state: ControllerState, event: Event | None, given: O
         state = state._replace(tried=parts.servo.time)
     elif event is not Event.TRIGGERED:
         return Happening(state, event)
-    choice, target, refusal = parts.choice.choose(state.choice, parts.servo, leading_hand(state), state.clutch)
-    state = state._replace(choice=choice)
-    if target is not None and target.object_name in state.moved:
-        return Happening(state, None, f"the {target.object_name} was moved, and has not been observed since")
-    if target is None:
-        return Happening(state, None, refusal)
-    return Happening(state._replace(target=target), Event.BEGUN if begins else event)
+    purpose = Event.BEGUN if begins else Event.TRIGGERED
+    hand, coupled = leading_hand(state), state.monitor.clutch
+    choice, refusal = parts.choice.begin(state.choice, parts.servo, hand, state.clutch, purpose, coupled)
+    return Happening(state._replace(choice=choice), None, refusal)
 
 
 def _asked_of_jaws(parts: Parts, state: ControllerState, pressed: frozenset[Button]) -> Happening | None:
@@ -235,18 +259,14 @@ def _by_button(parts: Parts, state: ControllerState, event: Event | None, presse
     asked = _asked_of_jaws(parts, state, pressed)
     if asked is not None:
         return asked
-    if state.mode not in _TUNABLE:
+    if state.mode not in _TUNABLE or state.choice.deciding is not None:
         return Happening(state, event)
     if Button.NEXT in pressed or Button.VETO in pressed:
         choice, done = state.choice, ""
         if Button.VETO in pressed:
             choice, done = parts.choice.veto(choice, state.target)
-        choice, target, refusal = parts.choice.next(choice, parts.servo)
-        state = state._replace(choice=choice)
-        if target is not None:
-            return Happening(state._replace(target=target), Event.RETARGETED, done)
-        # What was refused must not be grasped; what was merely the best may.
-        return Happening(state, Event.CANCELLED if done else event, "; ".join(filter(None, (done, refusal))))
+        choice = parts.choice.begin_next(choice, parts.servo, state.target, done)
+        return Happening(state._replace(choice=choice), event)
     if Button.CONFIRM in pressed:
         state = state._replace(confirmed=True)
         return Happening(state, Event.CONFIRMED if state.mode is Mode.ADJUST else event)

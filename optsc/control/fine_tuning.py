@@ -7,7 +7,7 @@ taken over.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import hypot
 from typing import Annotated, NamedTuple
 
@@ -27,6 +27,8 @@ from optsc.selection.reach import ClearRows
 
 Nudge = tuple[float, float, float, float, float, float]
 """Displacement [m] and rotation vector [rad] in the gripper's own frame."""
+STILL: Nudge = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""No nudge at all."""
 _NONE = (0.0, 0.0, 0.0)
 
 
@@ -71,13 +73,35 @@ def untouched(target: Target) -> Tuned:
     return Tuned(target, Pose.identity(), target)
 
 
-def nudged(settings: FineTuning, scene: TuningScene, tuned: Tuned, nudge: Nudge) -> tuple[Tuned, str]:
-    """Return the grasp after a nudge, and why it was refused; the grasp is then as it was.
+class NudgeCheck(NamedTuple):
+    """A nudge while it is checked, in three steps: its reach, its path, and what it would touch.
 
-    X_WG' = X_WG offset' with offset' = offset exp(scale nudge), made as short as `FineTuning.most` asks for. Checked
-    are the pre-grasp and the grasp for a configuration within the joint limits and, where the scene has a check, for
-    collision, and the straight path between them. The manipulability given with the target stays that of the stored
-    grasp.
+    Attributes:
+        offset, target: as in `Tuned`, once the nudge is taken over.
+        steps: how many of `STEPS` it has passed.
+        reason: why it is refused; empty as long as it is not.
+    """
+
+    offset: Pose
+    target: Target
+    steps: int = 0
+    reason: str = ""
+
+    def after_step(self, scene: TuningScene) -> NudgeCheck:
+        """Return the check after its next step."""
+        checked = STEPS[self.steps](scene, self)
+        return checked._replace(steps=self.steps + 1)
+
+    @property
+    def over(self) -> bool:
+        """Whether it is taken over or refused."""
+        return bool(self.reason) or self.steps == len(STEPS)
+
+
+def nudge_check(settings: FineTuning, tuned: Tuned, nudge: Nudge) -> NudgeCheck:
+    """Return the check of a nudge before its first step.
+
+    X_WG' = X_WG offset' with offset' = offset exp(scale nudge), made as short as `FineTuning.most` asks for.
     """
     a, b = settings.scale
     step = Pose(
@@ -88,42 +112,57 @@ def nudged(settings: FineTuning, scene: TuningScene, tuned: Tuned, nudge: Nudge)
     stored = tuned.stored
     X_WG = stored.X_WG @ offset
     X_WP = X_WG @ (stored.X_WG.inverse() @ stored.X_WP)
-    before, rng = tuned.target, np.random.default_rng(0)
-    at_pregrasp = solve_ik(scene.robot, X_WP, rng=rng, seeds=before.q_pregrasp, restarts=0)
+    return NudgeCheck(offset, tuned.target._replace(X_WG=X_WG, X_WP=X_WP))
+
+
+def _reached(scene: TuningScene, check: NudgeCheck) -> NudgeCheck:
+    target, rng = check.target, np.random.default_rng(0)
+    at_pregrasp = solve_ik(scene.robot, target.X_WP, rng=rng, seeds=target.q_pregrasp, restarts=0)
     if not at_pregrasp.success:
-        return tuned, "the nudged pre-grasp is out of reach"
-    at_grasp = solve_ik(scene.robot, X_WG, rng=rng, seeds=at_pregrasp.q, restarts=0)
+        return check._replace(reason="the nudged pre-grasp is out of reach")
+    at_grasp = solve_ik(scene.robot, target.X_WG, rng=rng, seeds=at_pregrasp.q, restarts=0)
     if not at_grasp.success:
-        return tuned, "the nudged grasp is out of reach"
-    target = before._replace(X_WG=X_WG, X_WP=X_WP, q=at_grasp.q, q_pregrasp=at_pregrasp.q)
-    _, *path = grasp_path(scene.approach, X_WP, X_WP, X_WG)
-    if not can_travel(scene.robot, scene.approach, at_pregrasp.q, path):
-        return tuned, "the nudged grasp cannot be reached, and lifted from, on a straight path"
-    if not _is_clear(scene, target):
-        return tuned, "the nudged grasp would touch something"
-    return Tuned(stored, offset, target), ""
+        return check._replace(reason="the nudged grasp is out of reach")
+    return check._replace(target=target._replace(q=at_grasp.q, q_pregrasp=at_pregrasp.q))
+
+
+def _travelled(scene: TuningScene, check: NudgeCheck) -> NudgeCheck:
+    target = check.target
+    _, *path = grasp_path(scene.approach, target.X_WP, target.X_WP, target.X_WG)
+    if can_travel(scene.robot, scene.approach, target.q_pregrasp, path):
+        return check
+    return check._replace(reason="the nudged grasp cannot be reached, and lifted from, on a straight path")
+
+
+def _cleared(scene: TuningScene, check: NudgeCheck) -> NudgeCheck:
+    target, one = check.target, np.array([check.target.candidate])
+    if scene.clear is None:
+        return check
+    row = scene.candidates.select(one, Pose(target.X_WG.quaternion[None], target.X_WG.translation[None]))
+    if scene.clear(target.q[None], target.q_pregrasp[None], row)[0]:
+        return check
+    return check._replace(reason="the nudged grasp would touch something")
+
+
+STEPS = (_reached, _travelled, _cleared)
+
+
+def nudged(settings: FineTuning, scene: TuningScene, tuned: Tuned, nudge: Nudge) -> tuple[Tuned, str]:
+    """Return the grasp after a nudge, and why it was refused; the grasp is then as it was.
+
+    Checked are the pre-grasp and the grasp for a configuration within the joint limits, the straight path between them
+    and up and, where the scene has a check, both for collision. The manipulability given with the target stays that of
+    the stored grasp.
+    """
+    check = nudge_check(settings, tuned, nudge)
+    while not check.over:
+        check = check.after_step(scene)
+    return (tuned, check.reason) if check.reason else (Tuned(tuned.stored, check.offset, check.target), "")
 
 
 def _shortened(offset: Pose, most: tuple[float, float]) -> Pose:
     turn = scalar.shortened(scalar.log(tuple(offset.quaternion.tolist())), most[1])
     return Pose(np.array(scalar.exp(turn)), np.array(scalar.shortened(tuple(offset.translation.tolist()), most[0])))
-
-
-def _is_clear(scene: TuningScene, target: Target) -> bool:
-    if scene.clear is None:
-        return True
-    one = np.array([target.candidate])
-    X_WG = Pose(target.X_WG.quaternion[None], target.X_WG.translation[None])
-    candidates = scene.candidates
-    row = replace(
-        candidates,
-        object_index=candidates.object_index[one],
-        grasp_index=candidates.grasp_index[one],
-        X_WG=X_WG,
-        opening=candidates.opening[one],
-        quality=candidates.quality[one],
-    )
-    return bool(scene.clear(target.q[None], target.q_pregrasp[None], row)[0])
 
 
 def hand_nudge(clutch: ClutchSettings, before: Hand, after: Hand, grasp: Quaternion) -> Nudge:
@@ -145,25 +184,43 @@ class Tuning(NamedTuple):
         tuned: the grasp and what has become of it.
         checked: when nudges were taken over last [s].
         waiting: sum of the nudges since then.
+        check: of nudges that are being checked; None while there are none.
     """
 
     settings: FineTuning
     scene: TuningScene
     tuned: Tuned
     checked: float
-    waiting: Nudge = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    waiting: Nudge = STILL
+    check: NudgeCheck | None = None
+
+    def was_checked_since(self, before: Tuning) -> bool:
+        """Tell whether a step of a check was done since ``before``."""
+        return self.check is not before.check or self.checked != before.checked
 
     def pushed(self, nudge: Nudge) -> Tuning:
         """Return the tuning with a nudge more."""
         x, y, z, a, b, c = (old + new for old, new in zip(self.waiting, nudge, strict=True))
         return self._replace(waiting=(x, y, z, a, b, c))
 
-    def settled(self, time: float) -> tuple[Tuning, str]:
-        """Return the tuning at ``time`` [s], nudges taken over if that is due, and why they could not be, if so."""
-        if not any(self.waiting) or time - self.checked < self.settings.period:
-            return self, ""
-        tuned, reason = nudged(self.settings, self.scene, self.tuned, self.waiting)
-        return Tuning(self.settings, self.scene, tuned, time), reason
+    def settled(self, time: float, steps: int = len(STEPS)) -> tuple[Tuning, str]:
+        """Return the tuning at ``time`` [s], and why nudges could not be taken over, if so.
+
+        Where a check is due it begins; it goes on by so many ``steps``, of which it has three.
+        """
+        check, after = self.check, self
+        if check is None:
+            if not any(self.waiting) or time - self.checked < self.settings.period:
+                return self, ""
+            check = nudge_check(self.settings, self.tuned, self.waiting)
+            after = self._replace(checked=time, waiting=STILL)
+        for _ in range(steps):
+            if not check.over:
+                check = check.after_step(self.scene)
+        if not check.over:
+            return after._replace(check=check), ""
+        tuned = self.tuned if check.reason else Tuned(self.tuned.stored, check.offset, check.target)
+        return after._replace(check=None, tuned=tuned), check.reason
 
 
 class Shift(NamedTuple):

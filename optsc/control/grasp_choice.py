@@ -4,78 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from math import hypot, inf
+from math import ceil, inf
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from optsc.control.approach import Approach
 from optsc.control.arbitration import Goal, GraspPose
-from optsc.control.path_feasibility import PathFeasibility, grasp_path_feasibility, most_feasible
+from optsc.control.belief_watch import BeliefWatch, believed
+from optsc.control.choice_state import ChoiceState, Decided, SceneError, followed, with_ranking
+from optsc.control.deciding import PIECE_TIME, Deciding, worked
+from optsc.control.displacement import displaced
+from optsc.control.modes import Event
 from optsc.control.servo import Servo
-from optsc.geometry import Pose, rotation, scalar
+from optsc.control.status import error_text
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
 from optsc.grasps import Candidates
 from optsc.operators.clutch import ClutchSettings, Hand
 from optsc.robot import RobotModel
 from optsc.selection import GraspSelector, Ranking, Target
-from optsc.selection.intent import Belief, CostToGo, Goals, IntentSettings, cost_to_go, updated, wasted
+from optsc.selection.filters import Gone, Vetoed
+from optsc.selection.intent import Goals, IntentSettings, cost_to_go
 from optsc.selection.reach import ClearRows, ReachTable
 
 RANKING_PERIOD = 0.02
 """How often the candidates are ranked against the moving hand [s]; a display shows no more."""
-IDLE_ROWS = 4
-"""Grasps solved again between two rankings, those from the most distant configuration first."""
-DECISION_ROWS = 64
-"""Finalists solved again at most when the trigger is pressed: what is chosen then must be right."""
-CHOICES = 40
-"""How many grasps are tried, best first, for one that the arm can go to on a straight path."""
-
-
-class ChoiceState(NamedTuple):
-    """What the choice remembers from tick to tick.
-
-    Attributes:
-        candidates, clear: the grasps of the scene and their collision check; None before there are any.
-        ranking: the newest one; its `best` is the intended object.
-        belief: over the objects, empty where none is kept.
-        goals: what a policy may assist towards, likewise.
-        ranked: when candidates were ranked last [s].
-        refreshed: whether the time since then was used for grasps that were out of reach.
-        intended, intended_since: the intended object, and since when [s].
-        others: grasps that were not chosen at the last decision, best first.
-        table: the reach table that ``known`` is of.
-        known: the grasps of all objects that the arm can execute.
-        last_hand: at the last tick, while it was coupled.
-        origin: hand and tool from which motion counts for the next update of the belief.
-    """
-
-    candidates: Candidates | None = None
-    clear: ClearRows | None = None
-    ranking: Ranking | None = None
-    belief: Belief = Belief.even(())
-    goals: tuple[Goal, ...] = ()
-    ranked: float = -inf
-    refreshed: bool = True
-    intended: str | None = None
-    intended_since: float = 0.0
-    others: tuple[int, ...] = ()
-    table: ReachTable | None = None
-    known: Goals | None = None
-    last_hand: Hand | None = None
-    origin: tuple[Hand, Pose] | None = None
-
-    def intended_for(self, time: float) -> float:
-        """Return for how long [s] the same object has been intended; zero while there is none."""
-        return 0.0 if self.intended is None else time - self.intended_since
-
-    @property
-    def probabilities(self) -> dict[str, float] | None:
-        """How likely each object is intended; None where no belief is kept."""
-        belief = self.belief
-        return dict(zip(belief.names, belief.probability.tolist(), strict=True)) if belief.names else None
+ROUNDS_AGAIN = 6
+"""Pieces of work between two rankings on grasps solved from too far away: finalists first, then the others."""
 
 
 class GraspChoice:
@@ -88,6 +45,8 @@ class GraspChoice:
         intent: how a belief over objects follows from the hand; None where the intended object is the one that is
             pointed at.
         aim: which grasp of an object is shown where there is a belief; by default the nearest.
+        real_time: whether no tick may take long: a decision and the reach table of a new scene are then spread over
+            ticks, and a decision ends after `optsc.control.deciding.DECISION_TIME` with what was found.
     """
 
     def __init__(
@@ -97,52 +56,90 @@ class GraspChoice:
         approach: Approach,
         intent: IntentSettings | None,
         aim: Callable[[Goal], GraspPose] = lambda goal: goal.nearest,
+        *,
+        real_time: bool = True,
     ) -> None:
         self.robot, self.selector, self.approach, self.intent = robot, selector, approach, intent
-        self._aim = aim
+        self._aim, self._real_time = aim, real_time
 
     def observed(
-        self, state: ChoiceState, candidates: Candidates, q: ArrayLike, clear: ClearRows | None
+        self, state: ChoiceState, servo: Servo, candidates: Candidates, clear: ClearRows | None
     ) -> ChoiceState:
-        """Return the state with the grasps of a scene, seen from configuration ``q`` (n,) [rad].
+        """Return the state with the grasps of a scene.
 
-        Vetoes and beliefs begin again.
+        Vetoes and beliefs begin again. In real time the grasps before stay in use until those of the new scene are
+        solved, see `worked`, but for the first scene after a reset.
         """
+        q = servo.guard.q.copy()
+        if self._real_time and servo.state.ticks:
+            self.selector.announce(candidates, q, clear=clear)
+            # What the tick that follows may do is done already.
+            return state._replace(table=None, spent=servo.state.ticks)
         self.selector.forget()
         # After a reset nothing is taken over: a run must not depend on the one before.
         known = state.candidates is not None
         self.selector.observe(candidates, q, clear=clear, reuse=known)
         return ChoiceState(candidates, clear)
 
-    def followed(
+    def worked(
         self,
         state: ChoiceState,
         servo: Servo,
         hand: Hand | None,
         clutch: ClutchSettings,
         *,
-        decide: bool = False,
-    ) -> ChoiceState:
-        """Rank against the hand if it is time to or for a decision, or use the time for grasps that were out of reach.
+        ranks: bool,
+        spent: bool = False,
+    ) -> tuple[ChoiceState, str]:
+        """Return the state after a tick's work on ranking, belief and reach table, and what went wrong, in words.
 
-        ``hand`` is None while it is not coupled to the tool: what it does then says nothing.
+        What one tick does is bounded by counts; nothing where a decision has ``spent`` it. ``hand`` is None while it is
+        not coupled to the tool: what it does then says nothing. While the robot moves, nothing ``ranks``: only the
+        reach table of a new scene is worked on.
         """
-        if state.candidates is None:
-            return state
-        last = state.last_hand
-        if hand is not last or hand is None:
-            origin = state.origin
-            if hand is None or last is None or hypot(*_displacement(hand, last)) > clutch.largest_step[0]:
-                # What lies between was no motion of the hand: it let go, or the tracker jumped.
-                origin = None
-            state = state._replace(last_hand=hand, origin=origin)
-        if decide or servo.time - state.ranked >= RANKING_PERIOD:
-            return self._ranked(state, servo, hand, clutch, DECISION_ROWS if decide else None)
-        if not state.refreshed:
-            # Between two rankings, grasps that were out of reach from where the arm stood get another chance.
-            self.selector.refresh_oldest(servo.guard.q, IDLE_ROWS)
-            return state._replace(refreshed=True)
-        return state
+        ranks = ranks and state.candidates is not None
+        if ranks:
+            state = followed(state, hand, clutch)
+        for _ in range(0 if spent else self.pieces(servo)):
+            try:
+                after = self._piece(state, servo, hand, clutch, ranks)
+            except SceneError as error:
+                return state, str(error)
+            if after is None:
+                break
+            state = after
+        return state, ""
+
+    def pieces(self, servo: Servo) -> int:
+        """Return how many pieces of work a tick does: as many as there are `PIECE_TIME` in it, at least one."""
+        return max(1, ceil(servo.period / PIECE_TIME - 1e-9))
+
+    def _piece(
+        self, state: ChoiceState, servo: Servo, hand: Hand | None, clutch: ClutchSettings, ranks: bool
+    ) -> ChoiceState | None:
+        """Do what is due next: ranking, a new reach table, rows that are outdated. Return None where nothing is."""
+        selector, q = self.selector, servo.guard.q
+        if ranks and servo.time - state.ranked >= RANKING_PERIOD:
+            if selector.take_over() and state.ranking is not None:
+                return state
+            if self.intent is not None and not state.believed:
+                state = self._believed(state, servo, hand, clutch)._replace(believed=True)
+                if state.ranking is not None:
+                    return state
+            return self._ranked(state, servo)
+        if selector.observing:
+            return self._scene_piece(state, q)
+        if not ranks or state.rounds >= ROUNDS_AGAIN:
+            return None
+        return state._replace(rounds=state.rounds + 1) if selector.refresh_piece(q) else None
+
+    def _scene_piece(self, state: ChoiceState, q: Array) -> ChoiceState:
+        """Do a piece of a new reach table; where it is whole, its grasps are those of the choice from now on."""
+        try:
+            whole = self.selector.go_on(q)
+        except Exception as error:
+            raise SceneError(f"the new scene cannot be used: {error_text(error)}") from error
+        return ChoiceState(self.selector.candidates, self.selector.state.clear) if whole else state
 
     def shown(self, state: ChoiceState) -> Mapping[str, Pose]:
         """Return the grasp to mark for each object: what a policy helps towards, or else the chosen one."""
@@ -155,113 +152,108 @@ class GraspChoice:
         targets = {name: ranking.target(name) for name in ranking.object_names}
         return {name: target.X_WG for name, target in targets.items() if target is not None}
 
-    def _ranked(
+    def _ranked(self, state: ChoiceState, servo: Servo) -> ChoiceState:
+        ranking = self.selector.rank(_tool(servo), servo.guard.q.copy(), refresh_limit=0)
+        best = None if self.intent is None else state.belief.best
+        if best is not None and ranking.chosen.get(best) is not None:
+            ranking = replace(ranking, best=best)
+        return with_ranking(state._replace(believed=False, rounds=0), ranking, servo.time)
+
+    def _believed(self, state: ChoiceState, servo: Servo, hand: Hand | None, clutch: ClutchSettings) -> ChoiceState:
+        """Return the state with the belief as the hand's motion has it now."""
+        table = self.selector.table
+        if self.intent is None or table is None:
+            return state
+        known = state.known
+        if table is not state.table or known is None:
+            known = Goals.of(table, self._barred(table))
+            state = state._replace(table=table, known=known)
+        watch = BeliefWatch(state.belief, state.goals, state.origin)
+        watch = believed(watch, self.intent, known, _tool(servo), hand, clutch)
+        return state._replace(belief=watch.belief, goals=watch.goals, origin=watch.origin)
+
+    def _barred(self, table: ReachTable) -> np.ndarray | None:
+        """Return which candidates (N,) are not offered; None for all."""
+        filters = [one for one in self.selector.state.filters if isinstance(one, (Vetoed, Gone))]
+        if not filters:
+            return None
+        return np.logical_or.reduce([one.barred(table.candidates) for one in filters])
+
+    def begin(
         self,
         state: ChoiceState,
         servo: Servo,
         hand: Hand | None,
         clutch: ClutchSettings,
-        refresh_limit: int | None,
-    ) -> ChoiceState:
-        p, q = servo.reference
-        X_WT = Pose(np.array(q), np.array(p))
-        ranking = self.selector.rank(X_WT, servo.guard.q.copy(), refresh_limit=refresh_limit)
-        if self.intent is not None:
-            state = self._believed(state, self.intent, X_WT, hand, clutch)
-            intended = state.belief.best
-            if intended is not None and ranking.chosen.get(intended) is not None:
-                ranking = replace(ranking, best=intended)
-        state = state._replace(ranking=ranking, ranked=servo.time, refreshed=False)
-        if ranking.best != state.intended:
-            state = state._replace(intended=ranking.best, intended_since=servo.time)
-        return state
+        purpose: Event,
+        coupled: bool,
+    ) -> tuple[ChoiceState, str]:
+        """Begin to decide from this moment which grasp the robot goes to; return the state, or why it cannot be.
 
-    def _believed(
-        self,
-        state: ChoiceState,
-        settings: IntentSettings,
-        X_WT: Pose,
-        hand: Hand | None,
-        clutch: ClutchSettings,
-    ) -> ChoiceState:
-        """Update the belief once the hand has moved far enough to say something."""
-        table = self.selector.table
-        if table is not state.table or state.known is None:
-            if table is None:
-                return state
-            state = state._replace(table=table, known=Goals.of(table, self._vetoed(table)))
-        goals = state.known
-        if goals is None:
-            return state
-        belief = state.belief.among(goals.names)
-        here = cost_to_go(settings, goals, X_WT.translation, X_WT.quaternion)
-        state = state._replace(belief=belief, goals=_goals(goals, here, belief))
-        if hand is None or state.origin is None:
-            return state._replace(origin=None if hand is None else (hand, X_WT))
-        earlier, X_from = state.origin
-        shift = scalar.rotate(clutch.R_WS, _displacement(hand, earlier))
-        turn = scalar.log(scalar.multiply(hand.q, scalar.conjugate(earlier.q)))
-        moved, turned = clutch.scale * hypot(*shift), clutch.rotation_scale * hypot(*turn)
-        if moved < settings.dead_band[0] and turned < settings.dead_band[1]:
-            return state
-        R_turn = rotation.exp(clutch.rotation_scale * np.array(scalar.rotate(clutch.R_WS, turn)))
-        before = cost_to_go(settings, goals, X_from.translation, X_from.quaternion)
-        after = cost_to_go(
-            settings,
-            goals,
-            X_from.translation + clutch.scale * np.array(shift),
-            rotation.multiply(R_turn, X_from.quaternion),
-        )
-        belief = updated(settings, belief, wasted(settings, before, after, moved, turned))
-        return state._replace(belief=belief, origin=(hand, X_WT))
-
-    def _vetoed(self, table: ReachTable) -> np.ndarray | None:
-        vetoed = self.selector.state.vetoed
-        if not vetoed:
-            return None
-        c = table.candidates
-        names = [c.object_names[int(k)] for k in c.object_index]
-        pairs = zip(names, c.grasp_index.tolist(), strict=True)
-        return np.array([pair in vetoed for pair in pairs], dtype=bool)
-
-    def choose(
-        self, state: ChoiceState, servo: Servo, hand: Hand | None, clutch: ClutchSettings
-    ) -> tuple[ChoiceState, Target | None, str]:
-        """Rank against the hand as it is now; return the state, the target, or why there is none.
-
-        The target is the best grasp that the arm can go to, and lift from, on the straight paths it will be sent
-        along; one on whose paths it touches nothing, if there is any.
+        It will be the best grasp that the arm can go to, and lift from, on the straight paths it will be sent along;
+        one on whose paths it touches nothing, if there is any. See `decided`.
         """
+        candidates = state.candidates
+        if candidates is None:
+            return state, "there are no grasps"
+        best = None
+        if self.intent is not None:
+            state = self._believed(state, servo, hand, clutch)
+            best = state.belief.best
+        q = servo.guard.q.copy()
+        # The belief was the first piece of work.
+        spent = 0 if self.intent is None else 1
+        deciding = Deciding(
+            purpose, _tool(servo), q, candidates, state.clear, coupled, best=best, pieces=spent, spent=spent
+        )
+        return state._replace(deciding=deciding), ""
+
+    def begin_next(self, state: ChoiceState, servo: Servo, target: Target | None, done: str = "") -> ChoiceState:
+        """Begin to decide on the next best grasp of the last decision, after ``done``, in words; see `decided`."""
         if state.candidates is None:
-            return state, None, "there are no grasps"
-        state = self.followed(state, servo, hand, clutch, decide=True)
-        ranking = state.ranking
-        if ranking is None or ranking.best is None:
-            return state, None, "no grasp can be reached"
-        state = state._replace(others=tuple(ranking.of(ranking.best)[:CHOICES].tolist()))
-        reason = f"no grasp of the {ranking.best} can be reached, and lifted from, on a straight path"
-        state, target, refusal = self.next(state, servo)
-        return state, target, refusal and reason
+            return state
+        q, name = servo.guard.q.copy(), None if target is None else target.object_name
+        deciding = Deciding(
+            Event.RETARGETED,
+            _tool(servo),
+            q,
+            state.candidates,
+            state.clear,
+            done=done,
+            best=name,
+            instead_of=target,
+        )
+        if state.ranking is not None:
+            deciding = deciding.among(state.ranking, state.others)
+        return state._replace(deciding=deciding)
 
-    def next(self, state: ChoiceState, servo: Servo) -> tuple[ChoiceState, Target | None, str]:
-        """Take the next best grasp of the last decision; return the state, the target, or why there is none."""
-        p, q = servo.reference
-        start, configuration = Pose(np.array(q), np.array(p)), servo.guard.q.copy()
-        ranking, candidates = state.ranking, state.candidates
-        if ranking is not None and candidates is not None:
-
-            def feasibility(row: int) -> PathFeasibility:
-                target = ranking.target_of(row)
-                return grasp_path_feasibility(
-                    self.robot, self.approach, configuration, start, target, candidates, state.clear
-                )
-
-            chosen = most_feasible(state.others, feasibility)
-            if chosen is not None:
-                others = state.others[state.others.index(chosen) + 1 :]
-                return state._replace(others=others), ranking.target_of(chosen), ""
-        reason = "there is no other grasp that can be reached, and lifted from, on a straight path"
-        return state._replace(others=()), None, reason
+    def decided(self, state: ChoiceState, servo: Servo) -> tuple[ChoiceState, Decided | None]:
+        """Work on the decision as much as one tick may; return the state, and what came of it, where it is over."""
+        deciding, thorough = state.deciding, not self._real_time
+        if deciding is None:
+            return state, None
+        pieces = self.pieces(servo) - deciding.spent
+        deciding = deciding._replace(spent=0)
+        while not deciding.over(thorough) and (thorough or pieces > 0):
+            deciding = worked(deciding, self.robot, self.approach, self.selector, thorough)
+            pieces -= 1
+        if not deciding.over(thorough):
+            return state._replace(deciding=deciding), None
+        target, others, reason = deciding.chosen()
+        ranking = deciding.ranking
+        state = state._replace(deciding=None, others=others)
+        if ranking is not None and deciding.purpose is not Event.RETARGETED:
+            state = with_ranking(state._replace(rounds=0), ranking, servo.time)
+        elif ranking is not None:
+            state = state._replace(ranking=ranking)
+        announced = self.selector.announced
+        if target is not None and announced is not None and announced is not deciding.candidates:
+            moved = displaced(target, deciding.candidates, announced)
+            if moved:
+                target, reason = None, moved
+        elif target is None:
+            reason = _refusal(deciding)
+        return state, Decided(deciding.purpose, target, deciding.done, reason)
 
     def veto(self, state: ChoiceState, target: Target | None) -> tuple[ChoiceState, str]:
         """Offer this grasp no more until the scene changes; by default the one that is shown. Say what was done."""
@@ -289,7 +281,7 @@ class GraspChoice:
         table = self.selector.table
         if table is None or state.ranking is None:
             return None, "there are no grasps"
-        goals = Goals.of(table, self._vetoed(table))
+        goals = Goals.of(table, self._barred(table))
         if not goals.names:
             return None, "no grasp can be reached"
         here = cost_to_go(self.intent or IntentSettings(), goals, np.array(p), np.array(q))
@@ -304,18 +296,17 @@ class GraspChoice:
         return state.ranking.target_of(int(goals.candidate[here.row[k]])), ""
 
 
-def _displacement(hand: Hand, earlier: Hand) -> Vector:
-    (x, y, z), (a, b, c) = hand.p, earlier.p
-    return x - a, y - b, z - c
+def _refusal(deciding: Deciding) -> str:
+    """Return why there is no grasp to go to."""
+    ranking = deciding.ranking
+    if deciding.purpose is Event.RETARGETED:
+        return "there is no other grasp that can be reached, and lifted from, on a straight path"
+    if ranking is None or ranking.best is None:
+        return "no grasp can be reached"
+    return f"no grasp of the {ranking.best} can be reached, and lifted from, on a straight path"
 
 
-def _goals(goals: Goals, here: CostToGo, belief: Belief) -> tuple[Goal, ...]:
-    """Return the objects as a policy is given them."""
-    best = [line.start + int(np.argmax(goals.manipulability[line])) for line in goals.lines()]
-    rows = zip(goals.names, belief.probability.tolist(), here.row.tolist(), best, strict=True)
-
-    def grasp(row: int) -> GraspPose:
-        p, q = goals.positions[row].tolist(), goals.quaternions[row].tolist()
-        return GraspPose(tuple(p), tuple(q), int(goals.candidate[row]))
-
-    return tuple(Goal(name, b, grasp(i), grasp(j)) for name, b, i, j in rows)
+def _tool(servo: Servo) -> Pose:
+    """Return the pose that the tool is led along."""
+    p, q = servo.reference
+    return Pose(np.array(q), np.array(p))

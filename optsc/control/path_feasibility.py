@@ -14,7 +14,7 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.grasps import Candidates
 from optsc.robot import RobotModel
-from optsc.robot.rollout import straight_line_rollout
+from optsc.robot.rollout import path_rollout, straight_line_rollout
 from optsc.selection import Target
 from optsc.selection.reach import ClearRows
 
@@ -131,18 +131,6 @@ def which_can_travel(
 
     All paths begin at the pose ``start``; ``waypoints`` has for each leg the poses (N,) at its end.
     """
-    completed = np.ones(len(waypoints[0]), dtype=bool)
-    configurations = np.repeat(np.asarray(q, dtype=float)[None], len(completed), axis=0)
-    begin = Pose(np.tile(start.quaternion, (len(completed), 1)), np.tile(start.translation, (len(completed), 1)))
-    for here, there in pairwise([begin, *waypoints]):
-        rows = np.flatnonzero(completed)
-        rollout = straight_line_rollout(
-            robot,
-            configurations[rows],
-            here[rows],
-            there[rows],
-            speed=settings.speed,
-            angular_speed=settings.angular_speed,
-        )
-        completed[rows], configurations[rows] = rollout.completed, rollout.q
-    return completed
+    return path_rollout(
+        robot, q, start, waypoints, speed=settings.speed, angular_speed=settings.angular_speed
+    ).completed

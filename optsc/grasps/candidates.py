@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -48,16 +49,22 @@ class Candidates(Checked):
     def __len__(self) -> int:
         return len(self.X_WG)
 
-    def select(self, rows: np.ndarray) -> Candidates:
-        """Return these rows (R,), in this order; a row may come more than once."""
-        return replace(
-            self,
-            object_index=self.object_index[rows],
-            grasp_index=self.grasp_index[rows],
-            X_WG=self.X_WG[rows],
-            opening=self.opening[rows],
-            quality=self.quality[rows],
-        )
+    def select(self, rows: np.ndarray, X_WG: Pose | None = None) -> Candidates:
+        """Return these rows (R,), in this order, at other poses (R,) where some are given; a row may come twice."""
+        # Parts of what was checked need no check, which would take longer than all the rest.
+        some = copy.copy(self)
+        values = {
+            "object_index": self.object_index[rows],
+            "grasp_index": self.grasp_index[rows],
+            "X_WG": self.X_WG[rows] if X_WG is None else X_WG,
+            "opening": self.opening[rows],
+            "quality": self.quality[rows],
+        }
+        for value in values.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+        some.__dict__.update(values)
+        return some
 
 
 def place(sets: Mapping[str, GraspSet], X_WO: Mapping[str, Pose]) -> Candidates:

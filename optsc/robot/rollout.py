@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -50,8 +51,10 @@ class StraightLineRollout(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def _kernel(robot: RobotModel) -> BatchKernel:
-    return build_batch_kernel(rollout(robot.chain), PATHS_PER_LOOP, shared=2)
+def _kernel(robot: RobotModel) -> tuple[BatchKernel, tuple[Array, Array]]:
+    """Return the compiled rollout, and what all paths share: joint positions and velocities at most."""
+    shared = np.concatenate(robot.limits.positions), robot.limits.velocity
+    return build_batch_kernel(rollout(robot.chain), PATHS_PER_LOOP, shared=2), shared
 
 
 def duration(shift: Array, turn: Array, speed: float, angular_speed: float) -> Array:
@@ -89,6 +92,71 @@ def straight_line_rollout(
     return _rolled_out(robot, q, first, start.translation, shift, turn, (speed, angular_speed))
 
 
+class PathRollout(NamedTuple):
+    """Rollouts of N paths of several straight legs, each leg from the configuration at the end of the one before.
+
+    Attributes:
+        completed: (N,) which paths were followed to their end.
+        speed: (N,) greatest share of its velocity limit that any joint needed.
+        q: (N, n) the last configuration of each.
+        legs: for each path the configurations (S, n) of each leg, as far as it was followed.
+        rolled: how many legs were rolled out altogether.
+    """
+
+    completed: np.ndarray
+    speed: Array
+    q: Array
+    legs: tuple[tuple[Array, ...], ...]
+    rolled: int
+
+
+def path_rollout(
+    robot: RobotModel,
+    q: ArrayLike,
+    start: Pose,
+    waypoints: Sequence[Pose],
+    *,
+    speed: float,
+    angular_speed: float,
+) -> PathRollout:
+    """Move the tool from a pose straight through ``waypoints``, N poses for each leg; see `straight_line_rollout`.
+
+    Args:
+        robot: the arm.
+        q: configuration (n,) or (N, n) [rad] that holds the tool at the start.
+        start: the pose X_WT at the start, () or (N,).
+        waypoints: poses (N,) at the end of each leg.
+        speed, angular_speed: of the tool [m/s, rad/s].
+
+    Raises:
+        InvalidValue: as for `straight_line_rollout`.
+    """
+    count = len(waypoints[0])
+    ends = np.stack([X_WT.quaternion for X_WT in waypoints]), np.stack([X_WT.translation for X_WT in waypoints])
+    quaternion, p = (np.empty_like(end) for end in ends)
+    quaternion[0], p[0] = start.quaternion, start.translation
+    quaternion[1:], p[1:] = ends[0][:-1], ends[1][:-1]
+    turn = rotation.log(rotation.multiply(ends[0], rotation.conjugate(quaternion)))
+    shift = ends[1] - p
+    configurations = np.array(np.broadcast_to(robot.checked(q), (count, robot.n)))
+    completed, greatest, rolled = np.ones(count, dtype=bool), np.zeros(count), 0
+    legs: list[list[Array]] = [[] for _ in range(count)]
+    for k in range(len(waypoints)):
+        rows = np.flatnonzero(completed)
+        if not len(rows):
+            break
+        some = configurations[rows]
+        one = _rolled_out(
+            robot, some, quaternion[k, rows], p[k, rows], shift[k, rows], turn[k, rows], (speed, angular_speed)
+        )
+        rolled += len(rows)
+        completed[rows], configurations[rows] = one.completed, one.q
+        greatest[rows] = np.maximum(greatest[rows], one.speed)
+        for row, steps, found in zip(rows.tolist(), one.steps.tolist(), one.configurations, strict=True):
+            legs[row].append(found[:steps])
+    return PathRollout(completed, greatest, configurations, tuple(map(tuple, legs)), rolled)
+
+
 def forward_rollout(
     robot: RobotModel, q: ArrayLike, start: Pose, distance: float, *, speed: float, angular_speed: float
 ) -> StraightLineRollout:
@@ -108,8 +176,9 @@ def _rolled_out(
     turn: Array,
     speeds: tuple[float, float],
 ) -> StraightLineRollout:
-    require("speed of the tool", speeds[0], Positive)
-    require("angular speed of the tool", speeds[1], Positive)
+    if not (speeds[0] > 0.0 and speeds[1] > 0.0):
+        require("speed of the tool", speeds[0], Positive)
+        require("angular speed of the tool", speeds[1], Positive)
     count, n = len(shift), robot.n
     line = np.empty((count, 13))
     line[:, :4], line[:, 4:7], line[:, 7:10], line[:, 10:] = quaternion, p, shift, turn
@@ -119,8 +188,8 @@ def _rolled_out(
     steps = np.clip(np.ceil(time / STEP_TIME), 1, STEPS)[:, None]
     pace = np.maximum(time[:, None], 1e-6) / steps
     at_start = np.broadcast_to(robot.checked(q), (count, n))
-    limits = np.concatenate(robot.limits.positions)
-    last, flat = _kernel(robot)(at_start, line, steps, pace, shared=(limits, robot.limits.velocity))
+    kernel, limits = _kernel(robot)
+    last, flat = kernel(at_start, line, steps, pace, shared=limits)
     done = last[:, n]
     return StraightLineRollout(
         q=last[:, :n],

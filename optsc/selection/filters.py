@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optsc.grasps import Candidates
 from optsc.selection.costs import GraspCost
 from optsc.selection.grid import Situation
 from optsc.selection.reach_columns import PATH
@@ -87,12 +88,40 @@ class Vetoed(GraspFilter):
         """Why: a person said so."""
         return "vetoed"
 
+    def barred(self, candidates: Candidates) -> np.ndarray:
+        """Return which candidates (N,) are vetoed."""
+        barred = np.zeros(len(candidates), dtype=bool)
+        for name, index in self.grasps:
+            if name in candidates.object_names:
+                own = candidates.object_index == candidates.object_names.index(name)
+                barred |= own & (candidates.grasp_index == index)
+        return barred
+
     def passes(self, situation: Situation) -> np.ndarray:
         """Return which candidates (K, M) nobody vetoed."""
         layout = situation.grid.layout
-        grasp = layout.spread(layout.candidates.grasp_index, -1)
-        passes = np.ones(grasp.shape, dtype=bool)
-        for name, index in self.grasps:
-            if name in layout.names:
-                passes[layout.names.index(name)] &= grasp[layout.names.index(name)] != index
-        return passes
+        return ~layout.spread(self.barred(layout.candidates), False)
+
+
+@dataclass(frozen=True, eq=False)
+class Gone(GraspFilter):
+    """Leaves out grasps that a newer observation of the scene no longer has, until its reach table is there.
+
+    Attributes:
+        candidates: which candidates (N,) are gone.
+    """
+
+    candidates: np.ndarray
+
+    def barred(self, candidates: Candidates) -> np.ndarray:
+        """Return which candidates (N,) are gone."""
+        return self.candidates
+
+    @property
+    def reason(self) -> str:
+        """Why: the object is not there any more."""
+        return "no longer there"
+
+    def passes(self, situation: Situation) -> np.ndarray:
+        """Return which candidates (K, M) are there."""
+        return ~situation.grid.layout.spread(self.candidates, False)

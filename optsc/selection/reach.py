@@ -7,7 +7,7 @@ manipulability of a row is the one at the configuration in which the arm would a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
@@ -98,13 +98,26 @@ class ReachTable:
         return self.status == REASONS.index(reason)
 
 
-class _Found(NamedTuple):
-    """Configurations (R, n) of some rows, their status (R,), and where the arm stood (R, n)."""
+class FoundRows(NamedTuple):
+    """Configurations (R, n) of some rows (R,), their status (R,), and where the arm stood (R, n)."""
 
+    rows: np.ndarray
     q_grasp: Array
     q_pregrasp: Array
     status: np.ndarray
     seeds: Array
+
+
+class JudgedRows(NamedTuple):
+    """What was found out about some rows (R,) of a table, see `ReachTable`; ``columns`` holds an array (R,) each."""
+
+    rows: np.ndarray
+    q_grasp: Array
+    q_pregrasp: Array
+    status: np.ndarray
+    manipulability: Array
+    seeds: Array
+    columns: Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,11 +160,24 @@ class ReachSolver(Checked):
             InvalidValue: a configuration that is not finite, or a column that cannot be measured without a motion or
                 a collision check that knows distances.
         """
+        table, here = self.empty_table(candidates, q, clear=clear), _checked(q)
+        rows, parts = np.arange(table.rows), []
+        if known is not None:
+            kept, of_known = self.rows_known(table, known)
+            if len(kept):
+                parts.append(self.judged_again(table, kept, known, of_known, clear))
+                rows = np.setdiff1d(rows, kept)
+        if len(rows):
+            parts.append(self.solved(table, rows, here, clear))
+        return with_rows(table, parts)
+
+    def empty_table(self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None) -> ReachTable:
+        """Return the table of `table` with none of its rows solved; raise what that raises."""
         require_measurable(self.columns, self.motion, clear)
         here = _checked(q)
         X_WG = _twin_poses(candidates)
         seed = np.broadcast_to(here, (*X_WG.shape, len(here)))
-        table = ReachTable(
+        return ReachTable(
             candidates=candidates,
             standoff=self.standoff,
             X_WG=X_WG,
@@ -163,14 +189,16 @@ class ReachSolver(Checked):
             seed=seed,
             columns={name: np.zeros(X_WG.shape) for name in self.columns},
         )
-        rows = np.arange(table.rows)
-        if known is not None and known.standoff == self.standoff and known.twins == table.twins:
-            same, of_old = _rows_at_the_same_place(known, table)
-            gap = np.abs(known.seed.reshape(-1, len(here))[of_old] - here).max(axis=1, initial=0.0)
-            near = gap <= self.refresh_angle
-            table = self._kept(table, same[near], known, of_old[near], clear)
-            rows = np.setdiff1d(rows, same[near])
-        return self._solved(table, rows, here, clear)
+
+    def rows_known(self, table: ReachTable, known: ReachTable) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of an empty table (R,) whose configurations an older one has, and its rows there (R,)."""
+        if known.standoff != self.standoff or known.twins != table.twins:
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        same, of_known = _rows_at_the_same_place(known, table)
+        here = table.seed[:1, :1].reshape(-1)
+        gap = np.abs(self.robot.difference(known.seed.reshape(-1, len(here))[of_known], here)).max(axis=1, initial=0.0)
+        near = gap <= self.refresh_angle
+        return same[near], of_known[near]
 
     def refresh(
         self, table: ReachTable, rows: ArrayLike, q: ArrayLike, *, clear: ClearRows | None = None
@@ -180,17 +208,16 @@ class ReachSolver(Checked):
         What is found replaces what was known, also when a row is no longer reached, and in all columns that the table
         has. Raises `InvalidValue` for a configuration that is not finite.
         """
-        return self._solved(table, np.asarray(rows, dtype=np.int64), _checked(q), clear)
+        chosen = np.asarray(rows, dtype=np.int64)
+        return with_rows(table, [self.solved(table, chosen, _checked(q), clear)]) if len(chosen) else table
 
-    def _solved(self, table: ReachTable, rows: np.ndarray, here: Array, clear: ClearRows | None) -> ReachTable:
-        """Return the table with some rows solved again from the configuration ``here`` (n,)."""
-        if not len(rows):
-            return table
-        seeds = np.repeat(here[None], len(rows), axis=0)
-        return self._judged(table, rows, self._found_from(table, rows, seeds), clear)
+    def solved(self, table: ReachTable, rows: np.ndarray, q: Array, clear: ClearRows | None) -> JudgedRows:
+        """Return some rows (R,) of a table solved from the configuration ``q`` (n,) [rad]."""
+        return self.judged(table, self.found(table, rows, q), clear)
 
-    def _found_from(self, table: ReachTable, rows: np.ndarray, seeds: Array) -> _Found:
-        """Return the configurations of rows that the arm gets to from ``seeds``: one (n,) for all, repeated."""
+    def found(self, table: ReachTable, rows: np.ndarray, q: Array) -> FoundRows:
+        """Return the configurations of some rows (R,) of a table that the arm gets to from ``q`` (n,) [rad]."""
+        seeds = np.repeat(q[None], len(rows), axis=0)
         q_pregrasp = seeds.copy()
         status = np.full(len(rows), PREGRASP_UNREACHABLE, dtype=np.int8)
         found, solution = _solve(self.solve, _flat(table.X_WP, rows), seeds[0])
@@ -206,19 +233,17 @@ class ReachSolver(Checked):
         reached, solution = _solve(self.solve, _flat(table.X_WG, rows[found]), q_pregrasp[found])
         q_grasp[found[reached]] = solution[reached]
         status[found[reached]] = REACHED if self.motion is None else NO_STRAIGHT_APPROACH
-        return _Found(q_grasp, q_pregrasp, status, seeds)
+        return FoundRows(rows, q_grasp, q_pregrasp, status, seeds)
 
-    def _kept(
+    def judged_again(
         self,
         table: ReachTable,
         rows: np.ndarray,
         known: ReachTable,
         of_old: np.ndarray,
         clear: ClearRows | None,
-    ) -> ReachTable:
-        """Return the table with the configurations that are known of some rows, judged in the scene as it is now."""
-        if not len(rows):
-            return table
+    ) -> JudgedRows:
+        """Return some rows (R,) with what another table knows of them, its ``of_old`` (R,), judged by ``clear``."""
         n = known.seed.shape[-1]
         q_grasp, q_pregrasp, seeds = (
             values.reshape(-1, n)[of_old] for values in (known.q_grasp, known.q_pregrasp, known.seed)
@@ -226,11 +251,12 @@ class ReachSolver(Checked):
         status = known.status.ravel()[of_old]
         # What collided was reached, and may be clear now.
         status = np.where(status == COLLISION, REACHED, status).astype(np.int8)
-        return self._judged(table, rows, _Found(q_grasp, q_pregrasp, status, seeds), clear)
+        return self.judged(table, FoundRows(rows, q_grasp, q_pregrasp, status, seeds), clear)
 
-    def _judged(self, table: ReachTable, rows: np.ndarray, found: _Found, clear: ClearRows | None) -> ReachTable:
-        """Return the table with what was found for some rows, checked for collisions and measured."""
-        q_grasp, q_pregrasp, status, seeds = found
+    def judged(self, table: ReachTable, found: FoundRows, clear: ClearRows | None) -> JudgedRows:
+        """Return what was found for some rows, checked for collisions and measured."""
+        rows, q_grasp, q_pregrasp, status, seeds = found
+        status = status.copy()
         usable = np.flatnonzero(status == REACHED)
         if clear is not None and len(usable):
             subset = _row_candidates(table, rows[usable])
@@ -242,21 +268,14 @@ class ReachSolver(Checked):
             M[usable] = self.manipulability.evaluate(self.robot, q_grasp[usable])
         # A measure that is not a number (an overflow at the edge of the model) is no reason to prefer a grasp.
         M[~np.isfinite(M)] = 0.0
-        return replace(
-            table,
-            q_grasp=_with_rows(table.q_grasp, rows, q_grasp),
-            q_pregrasp=_with_rows(table.q_pregrasp, rows, q_pregrasp),
-            status=_with_rows(table.status, rows, status),
-            manipulability=_with_rows(table.manipulability, rows, M),
-            seed=_with_rows(table.seed, rows, seeds),
-            columns=self._columns(table, rows, found, usable, clear) if table.columns else {},
-        )
+        columns = self._columns(table, found, usable, clear) if table.columns else {}
+        return JudgedRows(rows, q_grasp, q_pregrasp, status, M, seeds, columns)
 
     def _columns(
-        self, table: ReachTable, rows: np.ndarray, found: _Found, usable: np.ndarray, clear: ClearRows | None
+        self, table: ReachTable, found: FoundRows, usable: np.ndarray, clear: ClearRows | None
     ) -> dict[str, Array]:
-        """Return the columns of the table with the ``usable`` ones of some rows measured."""
-        names, new = frozenset(table.columns), dict[str, Array]()
+        """Return the columns (R,) of the table for some rows, the ``usable`` ones measured."""
+        names, new, rows = frozenset(table.columns), dict[str, Array](), found.rows
         if len(usable):
             candidates, which = table.candidates, rows[usable]
             reached = ReachedRows(
@@ -273,8 +292,30 @@ class ReachSolver(Checked):
         for name in names:
             values = np.zeros(len(rows))
             values[usable] = new.get(name, 0.0)
-            columns[name] = _with_rows(table.columns[name], rows, values)
+            columns[name] = values
         return columns
+
+
+def with_rows(table: ReachTable, parts: Sequence[JudgedRows]) -> ReachTable:
+    """Return a table with what was found out about some of its rows."""
+    if not parts:
+        return table
+    rows = np.concatenate([part.rows for part in parts])
+
+    def changed(values: np.ndarray, new: Sequence[np.ndarray]) -> np.ndarray:
+        return _with_rows(values, rows, np.concatenate(new))
+
+    return replace(
+        table,
+        q_grasp=changed(table.q_grasp, [part.q_grasp for part in parts]),
+        q_pregrasp=changed(table.q_pregrasp, [part.q_pregrasp for part in parts]),
+        status=changed(table.status, [part.status for part in parts]),
+        manipulability=changed(table.manipulability, [part.manipulability for part in parts]),
+        seed=changed(table.seed, [part.seeds for part in parts]),
+        columns={
+            name: changed(values, [part.columns[name] for part in parts]) for name, values in table.columns.items()
+        },
+    )
 
 
 def _twin_poses(candidates: Candidates) -> Pose:
@@ -344,12 +385,4 @@ def _with_rows(values: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndar
 
 def _row_candidates(table: ReachTable, rows: np.ndarray) -> Candidates:
     """Return one candidate per row, with the pose of the row's twin."""
-    candidates, index = table.candidates, rows // table.twins
-    return replace(
-        candidates,
-        object_index=candidates.object_index[index],
-        grasp_index=candidates.grasp_index[index],
-        X_WG=_flat(table.X_WG, rows),
-        opening=candidates.opening[index],
-        quality=candidates.quality[index],
-    )
+    return table.candidates.select(rows // table.twins, _flat(table.X_WG, rows))

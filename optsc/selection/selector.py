@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import isfinite, sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from math import sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,13 +16,15 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.ik.batch import solve_ik
 from optsc.selection.decision import RankingInputs, decide
-from optsc.selection.filters import GraspFilter, Vetoed
+from optsc.selection.filters import Gone, GraspFilter, Vetoed
 from optsc.selection.grid import Grid, Situation
 from optsc.selection.hysteresis import Hysteresis, Viewpoint
 from optsc.selection.ranking import Ranking
-from optsc.selection.reach import ClearRows, ReachSolver, ReachTable, SolveIk
-from optsc.selection.reach_columns import StraightMotion, needed
+from optsc.selection.reach import ClearRows, ReachSolver, ReachTable, SolveIk, with_rows
+from optsc.selection.reach_columns import StraightMotion, needed, require_measurable
 from optsc.selection.rules import Cascade, RankingRule
+from optsc.selection.selector_state import SelectorState, unusable
+from optsc.selection.table_build import NO_ROWS, NewScene, advanced, begin, no_longer_there
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 
 FINALISTS = 6
 """How many of the best grasps of each object must be judged from the arm's present configuration."""
+ROWS_AGAIN = 4
+"""Rows that one piece of work solves again, or checks for collision."""
 
 
 RESTARTS = 0
@@ -47,26 +51,6 @@ def _solver(robot: RobotModel) -> SolveIk:
     # What a single pose needs is compiled now, not in the middle of a control tick.
     solve(robot.forward(robot.home[None]), robot.home)
     return solve
-
-
-class SelectorState(NamedTuple):
-    """What a selector remembers; a value, so that keeping it is all that it takes to come back to it.
-
-    Attributes:
-        grid: the reach table in use, laid out for ranking; None before a scene was observed.
-        clear: the collision check of that scene.
-        vetoed: grasps that are not offered, as pairs of object name and grasp index.
-        filters: those in force: the selector's own, and the vetoes.
-        viewpoint: what the newest ranking is made for.
-        ranking: the newest ranking of a usable hand pose, None before.
-    """
-
-    grid: Grid | None = None
-    clear: ClearRows | None = None
-    vetoed: frozenset[tuple[str, int]] = frozenset()
-    filters: tuple[GraspFilter, ...] = ()
-    viewpoint: Viewpoint | None = None
-    ranking: Ranking | None = None
 
 
 class GraspSelector:
@@ -156,7 +140,8 @@ class GraspSelector:
     def veto(self, object_name: str, grasp_index: int) -> None:
         """Offer this grasp no more, until `forget`."""
         vetoed = self.state.vetoed | {(object_name, int(grasp_index))}
-        self.state = self.state._replace(vetoed=vetoed, filters=(*self.filters, Vetoed(vetoed)))
+        state = self.state._replace(vetoed=vetoed)
+        self.state = state._replace(filters=self._filters(state))
 
     @property
     def table(self) -> ReachTable | None:
@@ -192,7 +177,78 @@ class GraspSelector:
         """
         if missing := self.solver.columns - set(table.columns):
             raise InvalidValue("columns of the table", sorted(table.columns), f"also {sorted(missing)}")
-        self.state = self.state._replace(grid=Grid(table), clear=clear)
+        self.state = self.state._replace(grid=Grid(table), clear=clear, outdated=NO_ROWS)
+        self.state = self.state._replace(found=None, judged=(), build=None, waiting=None)
+
+    def announce(self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None) -> None:
+        """Take in a scene as `observe` does, but leave its reach table to be solved piece by piece by `go_on`.
+
+        Until that is whole, the table at hand stays in use, but for the grasps that are no longer there. A table in the
+        making is finished first; of several scenes that wait the newest counts. Vetoes begin again. Raises
+        `InvalidValue` as `observe` does, and whatever the collision check raises for the grasp that it is tried on.
+        """
+        require_measurable(self.solver.columns, self.solver.motion, clear)
+        here = np.array(q, dtype=float)
+        if clear is not None and len(candidates):
+            clear(here[None], here[None], candidates.select(np.zeros(1, dtype=np.int64)))
+        state = self.state._replace(waiting=NewScene(candidates, clear), vetoed=frozenset(), filters=self.filters)
+        self.state = state._replace(filters_known=False)
+
+    @property
+    def observing(self) -> bool:
+        """Whether the reach table of a newer scene is in the making."""
+        return self.state.build is not None or self.state.waiting is not None
+
+    @property
+    def announced(self) -> Candidates | None:
+        """The candidates of the newest scene, whether or not its table is whole; None before there is one."""
+        state = self.state
+        if state.waiting is not None:
+            return state.waiting.candidates
+        return self.candidates if state.build is None else state.build.candidates
+
+    def _filters(self, state: SelectorState) -> tuple[GraspFilter, ...]:
+        """Return the filters in force: the selector's own, vetoes, and what a newer scene no longer has."""
+        newer = state.waiting or state.build
+        found = (*self.filters, Vetoed(state.vetoed)) if state.vetoed else self.filters
+        if newer is None or self.candidates is None:
+            return found
+        gone = no_longer_there(self.candidates, newer.candidates)
+        return (*found, Gone(gone)) if gone.any() else found
+
+    def go_on(self, q: ArrayLike) -> bool:
+        """Work out another piece of a new reach table, from configuration ``q`` (n,) [rad] where it is the first.
+
+        Return whether it was the last, and the table is in use from now on. Where this raises, as a collision check
+        may, the new scene is given up.
+        """
+        state = self.state
+        if not state.filters_known:
+            self.state = state._replace(filters=self._filters(state), filters_known=True)
+            return False
+        build, waiting = state.build, state.waiting
+        try:
+            if build is None:
+                if waiting is not None:
+                    build = begin(self.solver, waiting, q, self.table)
+                    self.state = state._replace(build=build, waiting=None)
+                return False
+            if build.whole is None:
+                self.state = state._replace(build=advanced(build, self.solver))
+                return False
+            self.use(build.whole, clear=build.clear)
+        except Exception:
+            self.state = state._replace(build=None, waiting=None if build is None else waiting)
+            raise
+        vetoes = (Vetoed(state.vetoed),) if state.vetoed else ()
+        self.state = self.state._replace(
+            waiting=waiting,
+            viewpoint=None,
+            ranking=None,
+            filters=(*self.filters, *vetoes),
+            filters_known=waiting is None,
+        )
+        return True
 
     def rank(
         self,
@@ -213,13 +269,13 @@ class GraspSelector:
         A pose, a configuration or candidates that are not usable give the previous ranking, or an empty one, with
         the reason; nothing is raised for them.
         """
-        reason = _unusable(X_WT, q, self.robot.n)
+        reason = unusable(X_WT, q, self.robot.n)
         if not reason and candidates is not None and candidates is not self.candidates:
             try:
                 self.observe(candidates, q)
             except InvalidValue as error:
                 reason = f"the candidates cannot be used: {error}"
-        last = self.state
+        last = self._taken_over(self.state)
         if reason or last.grid is None:
             reason = reason or "no candidates were observed"
             return Ranking.empty(reason) if last.ranking is None else replace(last.ranking, reason=reason)
@@ -233,12 +289,12 @@ class GraspSelector:
         inputs = RankingInputs(last.grid, self.rule, last.filters, *viewpoint, self.endless)
         if last.ranking is not None and viewpoint is last.viewpoint and last.ranking.follows_from(inputs):
             return last.ranking
-        grid, ranking = self._ranked(inputs, budget, refresh_limit is not None)
-        self.state = last._replace(grid=grid, viewpoint=viewpoint, ranking=ranking)
+        grid, ranking, outdated = self._ranked(inputs, budget, refresh_limit is not None)
+        self.state = last._replace(grid=grid, viewpoint=viewpoint, ranking=ranking, outdated=outdated)
         return ranking
 
-    def _ranked(self, inputs: RankingInputs, budget: int, thorough: bool) -> tuple[Grid, Ranking]:
-        """Return the grid and the ranking; finalists' outdated rows are solved again: once, or within the budget.
+    def _ranked(self, inputs: RankingInputs, budget: int, thorough: bool) -> tuple[Grid, Ranking, np.ndarray]:
+        """Return the grid, the ranking, and what is outdated; such rows are solved again: once, or within the budget.
 
         Every round has its price, so at an ordinary tick there is one, and the next ticks catch up.
         """
@@ -246,7 +302,7 @@ class GraspSelector:
             decision = decide(inputs)
             rows = self._outdated(decision.situation, decision.selection.finalists(FINALISTS))
             if not len(rows) or budget <= 0:
-                return inputs.grid, Ranking.of_decision(decision, stale=len(rows) > 0)
+                return inputs.grid, Ranking.of_decision(decision, stale=len(rows) > 0), rows
             table = self.solver.refresh(inputs.grid.table, rows[:budget], inputs.q, clear=self.state.clear)
             grid = inputs.grid.with_table(table)
             inputs = inputs._replace(grid=grid)
@@ -266,6 +322,60 @@ class GraspSelector:
         order = np.argsort(np.linalg.norm(offset, axis=0), kind="stable")
         return rows[order[gap[order] > self.solver.refresh_angle]]
 
+    def decides_from(self, q: Array) -> None:
+        """Be told that a decision begins, with the arm in configuration ``q`` (n,) [rad]: for selectors that care."""
+
+    def is_outdated(self, object_name: str | None) -> bool:
+        """Tell whether a finalist of the newest ranking, of an object, is still to be solved again."""
+        return self.state.found is not None or bool(len(self._outdated_places(object_name)))
+
+    def _outdated_places(self, object_name: str | None) -> np.ndarray:
+        grid, outdated = self.state.grid, self.state.outdated
+        if object_name is None or grid is None:
+            return np.arange(len(outdated))
+        candidates = grid.table.candidates
+        index = candidates.object_names.index(object_name)
+        return np.flatnonzero(candidates.object_index[outdated // grid.table.twins] == index)
+
+    def refresh_piece(self, q: ArrayLike, object_name: str | None = None, *, finalists_only: bool = False) -> bool:
+        """Do a piece of work on rows that were solved from too far away; return whether there was any.
+
+        One piece solves up to `ROWS_AGAIN` rows from configuration ``q`` (n,) [rad], the next one checks them for
+        collision; the table has them from the next ranking on. First come outdated finalists of the newest ranking, of
+        an object where an ``object_name`` is given, the nearest first; then, unless it is for ``finalists_only``, those
+        of all rows that were solved furthest away. Raises `InvalidValue` for a configuration that is not finite.
+        """
+        state = self.state
+        if state.grid is None:
+            return False
+        table, solver = state.grid.table, self.solver
+        if state.found is not None:
+            part = solver.judged(table, state.found, state.clear)
+            self.state = state._replace(found=None, judged=(*state.judged, part))
+            return True
+        places = self._outdated_places(object_name)[:ROWS_AGAIN]
+        here = np.asarray(q, dtype=float)
+        rows = state.outdated[places]
+        if not len(rows) and not finalists_only and not state.judged:
+            rows = self._oldest(state.grid, here, ROWS_AGAIN)
+        if len(rows):
+            found = solver.found(table, rows, here)
+            self.state = state._replace(found=found, outdated=np.delete(state.outdated, places))
+        return len(rows) > 0
+
+    def take_over(self) -> bool:
+        """Put rows that were solved again into the table, as `rank` does otherwise; return whether there were any."""
+        before = self.state
+        self.state = self._taken_over(before)
+        return self.state is not before
+
+    def _taken_over(self, state: SelectorState) -> SelectorState:
+        """Return the state with the rows that were solved again in its table."""
+        if state.grid is None or not state.judged:
+            return state
+        grid = state.grid.with_table(with_rows(state.grid.table, state.judged))
+        return state._replace(grid=grid, judged=())
+
     def refresh_oldest(self, q: ArrayLike, limit: int) -> int:
         """Solve again up to ``limit`` rows of all, those solved furthest from ``q`` first; return how many.
 
@@ -276,26 +386,14 @@ class GraspSelector:
         if grid is None:
             return 0
         here = np.asarray(q, dtype=float)
-        gap = np.abs(self.robot.difference(grid.seeds, here)).max(axis=1, initial=0.0)
-        oldest = np.argsort(-gap, kind="stable")[:limit]
-        rows = oldest[gap[oldest] > self.solver.refresh_angle]
+        rows = self._oldest(grid, here, limit)
         if len(rows):
             table = self.solver.refresh(grid.table, rows, here, clear=self.state.clear)
             self.state = self.state._replace(grid=grid.with_table(table))
         return len(rows)
 
-
-def _unusable(X_WT: Pose, q: ArrayLike, n: int) -> str:
-    """Return why a hand pose or configuration cannot be ranked for; "" when it can."""
-    if X_WT.shape != ():
-        return f"the hand pose is a batch of shape {X_WT.shape}"
-    w, x, y, z = X_WT.quaternion.tolist()
-    if not isfinite(w * w + x * x + y * y + z * z + sum(X_WT.translation.tolist())):
-        return "the hand pose is not finite"
-    if w * w + x * x + y * y + z * z < 1e-12:
-        return "the hand's quaternion is zero"
-    if np.shape(q) != (n,):
-        return f"the arm's configuration has the shape {np.shape(q)}, not ({n},)"
-    if not isfinite(sum(np.asarray(q, dtype=float).tolist())):
-        return "the arm's configuration is not finite"
-    return ""
+    def _oldest(self, grid: Grid, here: Array, limit: int) -> np.ndarray:
+        """Return up to ``limit`` rows that were solved too far from ``here`` (n,), those furthest away first."""
+        gap = np.abs(self.robot.difference(grid.seeds, here)).max(axis=1, initial=0.0)
+        oldest = np.argsort(-gap, kind="stable")[:limit]
+        return oldest[gap[oldest] > self.solver.refresh_angle]

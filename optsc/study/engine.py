@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from optsc.control.grasp_choice import CHOICES
+from optsc.control.deciding import CHOICES
 from optsc.control.modes import Mode
 from optsc.control.path_feasibility import PathFeasibility, grasp_path_feasibility, most_feasible
 from optsc.errors import InvalidValue

@@ -75,9 +75,18 @@ def true_scene(world: Tabletop, library: GraspLibrary) -> SceneUpdate:
 def controller_with(
     selector: GraspSelector, approach: Approach, arbitration: Arbitration | None = None
 ) -> SharedController:
-    """Return a controller that chooses by ``selector``, with the simulated operators' mapping of the hand."""
-    clutch = ClutchSettings(R_WS=R_WS_DEFAULT)
-    return SharedController(selector.robot, selector, arbitration=arbitration, approach=approach, clutch=clutch)
+    """Return a controller that chooses by ``selector``, with the simulated operators' mapping of the hand.
+
+    It decides at once: what a condition chooses follows from the moment of the trigger, and from no time-out.
+    """
+    return SharedController(
+        selector.robot,
+        selector,
+        arbitration=arbitration,
+        approach=approach,
+        clutch=ClutchSettings(R_WS=R_WS_DEFAULT),
+        real_time=False,
+    )
 
 
 @lru_cache(maxsize=4)

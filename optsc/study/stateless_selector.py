@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optsc.control.approach import Approach
-from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.grasps import Candidates
@@ -25,26 +25,32 @@ from optsc.selection.reach import ClearRows
 from optsc.study.conditions import measure
 
 
+class TableKey(NamedTuple):
+    """What a reach table follows from, but for the definition of M; scenes are told apart by identity."""
+
+    candidates: Candidates
+    clear: ClearRows | None
+    q: bytes
+    columns: frozenset[str]
+
+
 class Tables:
-    """Reach tables of one scene: solved once for each configuration, scored once for each definition of M."""
+    """Reach tables: solved once for each scene and configuration, scored once for each definition of M."""
 
     def __init__(self) -> None:
-        self._kept: dict[tuple[bytes, str, frozenset[str]], ReachTable] = {}
+        self._kept: dict[TableKey, dict[str, ReachTable]] = {}
 
-    def get(
-        self, q: Array, name: str, columns: frozenset[str], solve: Callable[[], ReachTable], robot: RobotModel
-    ) -> ReachTable:
-        """Return the table seen from ``q`` (n,) [rad] with the M of that name and further columns.
+    def get(self, key: TableKey, name: str, solve: Callable[[], ReachTable], robot: RobotModel) -> ReachTable:
+        """Return the table of ``key`` with the M of that name.
 
         ``solve`` is asked for it where it is not there and does not follow from one that is.
         """
-        place = (q.tobytes(), name, columns)
-        if place not in self._kept:
-            others = [table for (at, _, more), table in self._kept.items() if at == place[0] and more == columns]
+        tables = self._kept.setdefault(key, {})
+        if name not in tables:
             # Further columns may depend on M; configurations and reach do not.
-            known = others[0] if others and not columns else None
-            self._kept[place] = solve() if known is None else with_measure(known, robot, measure(name))
-        return self._kept[place]
+            known = next(iter(tables.values()), None) if not key.columns else None
+            tables[name] = solve() if known is None else with_measure(known, robot, measure(name))
+        return tables[name]
 
 
 def with_measure(table: ReachTable, robot: RobotModel, definition: Manipulability) -> ReachTable:
@@ -83,7 +89,6 @@ class StatelessSelector(GraspSelector):
         )
         self.measure = measure_name
         self.tables = Tables() if tables is None else tables
-        self._scene: tuple[Candidates, ClearRows | None] | None = None
 
     def decide_by(self, rule: RankingRule, measure_name: str) -> None:
         """Rank by another rule and definition of M from now on; raise `UnknownName`."""
@@ -99,8 +104,12 @@ class StatelessSelector(GraspSelector):
         reuse: bool = False,
     ) -> ReachTable:
         """Keep the scene and return its table as seen from ``q`` (n,) [rad]; see `optsc.selection.GraspSelector`."""
-        self._scene = (candidates, clear)
-        return self._solve_from(self.robot.checked(q))
+        return self._solve_from(candidates, self.robot.checked(q), clear)
+
+    def decides_from(self, q: Array) -> None:
+        """Solve the table from the configuration ``q`` (n,) [rad] of a decision."""
+        if self.candidates is not None:
+            self._solve_from(self.candidates, self.robot.checked(q), self.state.clear)
 
     def rank(
         self,
@@ -111,23 +120,28 @@ class StatelessSelector(GraspSelector):
         refresh_limit: int | None = None,
     ) -> Ranking:
         """Return the ranking; a ``refresh_limit`` above zero marks a decision: made on a table solved from ``q``."""
-        if refresh_limit and self._scene is not None:
-            self._solve_from(self.robot.checked(q))
+        if refresh_limit:
+            self.decides_from(q)
         return super().rank(X_WT, q, refresh_limit=0)
+
+    def is_outdated(self, object_name: str | None) -> bool:
+        """Return False: a table that is decided on is solved from where the arm is."""
+        return False
+
+    def refresh_piece(self, q: ArrayLike, object_name: str | None = None, *, finalists_only: bool = False) -> bool:
+        """Do nothing: whatever matters is solved at the decision."""
+        return False
 
     def refresh_oldest(self, q: ArrayLike, limit: int) -> int:
         """Do nothing: whatever matters is solved at the decision."""
         return 0
 
-    def _solve_from(self, q: Array) -> ReachTable:
-        if self._scene is None:
-            raise InvalidValue("scene of the selector", None, "observed before it is ranked")
-        candidates, clear = self._scene
-
+    def _solve_from(self, candidates: Candidates, q: Array, clear: ClearRows | None) -> ReachTable:
         def solve() -> ReachTable:
-            return super(StatelessSelector, self).observe(candidates, q, clear=clear, reuse=False)
+            return self.solver.table(candidates, q, clear=clear)
 
-        table = self.tables.get(q, self.measure, self.solver.columns, solve, self.robot)
+        key = TableKey(candidates, clear, q.tobytes(), self.solver.columns)
+        table = self.tables.get(key, self.measure, solve, self.robot)
         if table is not self.table:
             self.use(table, clear=clear)
         return table

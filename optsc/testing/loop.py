@@ -138,11 +138,17 @@ class Loop:
         return self.steps[-1]
 
     def press(self, **sample: Any) -> ControlStep:
-        """Press the trigger, and let go of it."""
-        first = self.tick(OperatorSample(self.time, self.hand, trigger=True, **sample))
+        """Press the trigger, and let go of it; return the step at which it was decided what comes of it."""
+        step = self.decided(self.tick(OperatorSample(self.time, self.hand, trigger=True, **sample)))
         # Longer than presses are taken for one.
         self.go(0.16)
-        return first
+        return step
+
+    def decided(self, step: ControlStep) -> ControlStep:
+        """Go on from a step while a decision is in the making; return the step at which it was made."""
+        while self.controller.state.choice.deciding is not None:
+            step = self.tick()
+        return step
 
     def tool(self) -> Pose:
         """Return where the tool is commanded to be."""

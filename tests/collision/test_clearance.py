@@ -114,7 +114,7 @@ def test_the_distance_of_a_capsule_from_a_box_is_that_of_coal():
 
 def exact(scene):
     """The same scene without the check of its capsules."""
-    scene._certainly_clear = lambda q, allowed: (np.zeros(len(q), dtype=bool),) * 2
+    scene.certainly_clear = lambda q, allowed: (np.zeros(len(q), dtype=bool),) * 2
     return scene
 
 
@@ -136,7 +136,7 @@ def test_the_check_of_the_capsules_never_changes_what_the_exact_check_says(name)
 def test_most_configurations_that_are_clear_of_the_world_need_no_exact_check(name):
     q = configurations(name, 400, seed=4)
     scene = scene_of(name)
-    world, own = scene._certainly_clear(q, np.full(len(q), ""))
+    world, own = scene.certainly_clear(q, np.full(len(q), ""))
     clear = scene.clear(q).clear
     assert world[clear].mean() > 0.7
     assert not (world & own & ~clear).any()

@@ -136,7 +136,7 @@ def until(loop, mode, longest=8.0, **sample):
 
 
 def press(loop, button):
-    step = loop.tick(OperatorSample(loop.time, loop.hand, buttons=frozenset({button})))
+    step = loop.decided(loop.tick(OperatorSample(loop.time, loop.hand, buttons=frozenset({button}))))
     loop.go(0.02)
     return step
 

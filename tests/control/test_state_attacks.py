@@ -153,7 +153,7 @@ def raising(part, loop, monkeypatch):
     elif part == "mode entry":
         monkeypatch.setattr(mode_entry, "activity_of", fail)
     elif part == "path":
-        monkeypatch.setattr("optsc.control.grasp_choice.grasp_path_feasibility", fail)
+        monkeypatch.setattr("optsc.control.path_search.path_rollout", fail)
 
 
 PARTS = (
