@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from math import exp, inf
+from math import exp, isfinite
 from typing import NamedTuple
+
+from optsc.operators.clock import number
 
 LATE = 0.02
 """Time lost within about the last second [s] from which on the loop counts as late: one stall of 20 ms, or a loop that
@@ -53,8 +55,8 @@ class LoopTime(NamedTuple):
         if now is None:
             return self if self.late == 0.0 else self._replace(late=0.0)
         expected = self.time(ticks, period)
-        said = _finite(now)
-        if said is None:
+        said = number(now)
+        if not isfinite(said):
             return self._replace(late=0.0, refused=self.refused + 1)
         if self.zero is None:
             return self._replace(at=expected, tick=ticks, zero=said - expected)
@@ -70,11 +72,3 @@ class LoopTime(NamedTuple):
     def lateness(self) -> str:
         """In what way the loop is late, in words; empty where it is not."""
         return f"the loop is late: {1e3 * self.recent:.0f} ms within about a second" if self.recent >= LATE else ""
-
-
-def _finite(now: float) -> float | None:
-    try:
-        said = float(now)
-    except (TypeError, ValueError, OverflowError):
-        return None
-    return said if -inf < said < inf else None

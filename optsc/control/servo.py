@@ -36,16 +36,6 @@ from optsc.operators.prediction import REST, Track
 from optsc.robot import JointLimits, RobotModel
 from optsc.shaping import JointGuard
 
-FARTHEST = 1e9
-"""Positions [m] and stamps [s] from here on are faults, not targets."""
-
-
-def _is_pose(p: list[float], q: list[float]) -> bool:
-    """Tell whether this is one pose; sums of magnitudes carry what is not finite, and do not cancel."""
-    if len(p) != 3 or len(q) != 4:
-        return False
-    return abs(p[0]) + abs(p[1]) + abs(p[2]) < FARTHEST and 0.9 < q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2 < 1.1
-
 
 class Servo:
     """Follows a stream of pose targets within every joint limit.
@@ -157,8 +147,10 @@ class Servo:
 
         Args:
             X_WT: a new target, or None when there is none at this tick: the last one is predicted on until it is
-                older than the time-out.
-            stamp: when the target was sampled [s], on the clock of `time`; now by default.
+                older than the time-out. One that is no pose, late or a duplicate is skipped; `TargetStream.counts` of
+                the state counts them.
+            stamp: when the target was sampled [s]; now by default. On the clock of `time`, or on another one, whose
+                offset and drift are then learnt, see `optsc.operators.clock`.
             now: what time it is [s], on a clock of any origin that does not go back; one period after the last tick by
                 default. Targets are where the hand is at that time, also after late or missed ticks, while the command
                 moves by one period whatever it is.
@@ -197,21 +189,17 @@ class Servo:
     def tick(self, X_WT: Pose | None = None, stamp: float | None = None) -> Command:
         """Move one tick like `step`, for callers that take a failed tick back themselves: what fails, raises."""
         if X_WT is not None:
-            if not isinstance(X_WT, Pose):
-                return self._stop(Status.INVALID, f"target is of type {type(X_WT).__name__}, not a pose")
-            p, q = X_WT.translation.tolist(), X_WT.quaternion.tolist()
-            when = self.time if stamp is None else stamp
-            if not _is_pose(p, q) or not abs(when) < FARTHEST:
-                return self._stop(Status.INVALID, "target is not one finite pose with a unit quaternion")
-            self.observe(tuple(p), tuple(q), when)
-        track = self.state.track
+            self._take(X_WT, stamp)
+        track, stream = self.state.track, self.state.stream
         if track is None:
-            return self._stop(Status.HOLDING, "no target yet")
+            status = Status.INVALID if stream.counts.refused_lately else Status.HOLDING
+            return self._stop(status, f"no target yet{stream.lately}")
         age = self.time - track.stamp
         if age > self.settings.timeout:
-            return self._stop(Status.STALE, f"newest target is {age:.3f} s old")
-        elapsed = age + self.period - self.settings.lag
-        horizon = self.settings.prediction.horizon
+            status = Status.INVALID if stream.counts.refused_lately else Status.STALE
+            return self._stop(status, f"newest target is {age:.3f} s old{stream.lately}")
+        horizon, hindsight = self.settings.prediction.horizon, self.settings.prediction.hindsight
+        elapsed = max(age + self.period - self.settings.lag, -hindsight)
         if elapsed > horizon:
             return self.track(*prediction.predicted(track, horizon))
         if self.state.stopped:
@@ -221,19 +209,28 @@ class Servo:
             self._tracking.aim((*p, *q, *v, *w, *a, *b))
         return self._follow(elapsed, self.settings.led)
 
+    def _take(self, X_WT: Pose, stamp: float | None) -> None:
+        """Take in a target where it is usable; one that is not is skipped and counted."""
+        ticks, track, stopped, loop, stream = self.state
+        stream, target = stream.read(X_WT, stamp, self.time, loop.zero is not None)
+        self.state = ServoState(ticks, track, stopped, loop, stream)
+        if target is not None:
+            self.observe(*target)
+
     def observe(self, p: Vector, q: Quaternion, stamp: float) -> None:
-        """Take in a target sampled at ``stamp`` [s]; finite and unit is the caller's promise."""
-        ticks, track, stopped, loop = self.state
+        """Take in a target sampled at ``stamp`` [s], no later than now; finite and unit is the caller's promise."""
+        ticks, track, stopped, loop, stream = self.state
+        stamp = min(stamp, self.time)
         if track is None:
             track = prediction.at_rest(p, q, stamp)
         else:
             track = prediction.updated(self.settings.prediction, track, p, q, stamp)
-        self.state = ServoState(ticks, track, stopped, loop)
+        self.state = ServoState(ticks, track, stopped, loop, stream)
 
     def forget(self) -> None:
         """Drop the stream of targets: the next one starts a new track, at rest."""
-        ticks, _, stopped, loop = self.state
-        self.state = ServoState(ticks, None, stopped, loop)
+        ticks, _, stopped, loop, stream = self.state
+        self.state = ServoState(ticks, None, stopped, loop, stream)
 
     def track(
         self, p: Vector, q: Quaternion, v: Vector = REST, w: Vector = REST, a: Vector = REST, b: Vector = REST
@@ -259,9 +256,9 @@ class Servo:
 
     def _start(self) -> None:
         """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""
-        ticks, track, _, loop = self.state
+        ticks, track, _, loop, stream = self.state
         self._tracking.start()
-        self.state = ServoState(ticks, track, False, loop)
+        self.state = ServoState(ticks, track, False, loop, stream)
 
     def _follow(self, elapsed: float, led: float) -> Command:
         """Move one tick towards the target that tracking has been given, see `Tracking.step`."""
@@ -270,8 +267,8 @@ class Servo:
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
         state = self.guard.advance(velocity)
-        ticks, track, stopped, loop = self.state
-        self.state = ServoState(ticks + 1, track, stopped, loop)
+        ticks, track, stopped, loop, stream = self.state
+        self.state = ServoState(ticks + 1, track, stopped, loop, stream)
         self.spent = perf_counter() - start
         return Command(*state, *verdict, step.error, step.volume, step.iterations, step.slack, self.guard.outside)
 
@@ -287,8 +284,8 @@ class Servo:
     def _come_to_rest(self, velocity: Array, status: Status, reason: str, start: float) -> Command:
         """Move one tick to ``velocity`` (n,), with which the arm comes to rest, and be stopped."""
         state = self.guard.advance(velocity)
-        ticks, track, _, loop = self.state
-        self.state = ServoState(ticks + 1, track, True, loop)
+        ticks, track, _, loop, stream = self.state
+        self.state = ServoState(ticks + 1, track, True, loop, stream)
         self.spent = perf_counter() - start
         if status is Status.HOLDING and state.v.any():
             status = Status.STOPPING

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optsc.control.loop_time import LoopTime
+from optsc.control.target_stream import TargetStream
 from optsc.geometry.rotation import Array
 from optsc.operators.prediction import Track
 from optsc.robot import JointLimits
@@ -47,12 +48,14 @@ class ServoState(NamedTuple):
         track: estimate of the target's motion; None before there is a target.
         stopped: whether the tool is led nowhere: the next target starts a new reference, from where the arm is.
         loop: what time it is, and how late the loop is.
+        stream: of targets that `Servo.step` was given.
     """
 
     ticks: int = 0
     track: Track | None = None
     stopped: bool = True
     loop: LoopTime = LoopTime()
+    stream: TargetStream = TargetStream()
 
 
 @dataclass(frozen=True, eq=False, slots=True)

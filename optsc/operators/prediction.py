@@ -27,7 +27,8 @@ class PredictionSettings(Checked):
 
     Attributes:
         memory: time constant with which older samples are forgotten [s]; more smooths more.
-        horizon: how far beyond the last sample its motion is extrapolated at most [s].
+        horizon: how far beyond the last sample its motion is extrapolated at most [s] ...
+        hindsight: ... and how far before it: a sample says little about what was long ago.
         longest_gap: samples further apart than this [s] start the estimate afresh, at rest ...
         largest_step: ... and so does one that is further than this from where it was expected [m, rad]: nothing moves
             like that, so its speed says nothing.
@@ -37,6 +38,7 @@ class PredictionSettings(Checked):
     horizon: Annotated[float, AtLeast(0.0)] = 0.06
     longest_gap: Annotated[float, AtLeast(0.0)] = 0.2
     largest_step: Annotated[tuple[float, float], Each(Above(0.0))] = (0.1, 0.6)
+    hindsight: Annotated[float, AtLeast(0.0)] = 0.1
 
     def gains(self, elapsed: float) -> tuple[float, float, float]:
         """Return the shares of a surprise after ``elapsed`` [s] that go to pose, velocity and acceleration."""

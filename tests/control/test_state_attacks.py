@@ -277,7 +277,7 @@ def test_a_target_of_a_wrong_type_is_refused(robot, target):
     servo = Servo(robot)
     command = servo.step(target)
     assert command.status is Status.INVALID
-    assert servo.step(robot.forward(robot.home), "soon").status is Status.UNSOLVED
+    assert servo.step(robot.forward(robot.home), "soon").status is Status.INVALID
     assert servo.state.ticks == 2
 
 
