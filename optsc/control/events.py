@@ -9,7 +9,7 @@ from optsc.control.arbitration import Trigger
 from optsc.control.controller_state import ControllerState
 from optsc.control.fine_tuning import hand_nudge
 from optsc.control.grasp_choice import GraspChoice
-from optsc.control.holding import Holding, unready
+from optsc.control.holding import Holding, elsewhere, unready
 from optsc.control.jaws import GripStatus, JawChange
 from optsc.control.measured_arm import tracking_error
 from optsc.control.mode_entry import ModeSettings, pose_of, released
@@ -162,8 +162,9 @@ def _asked_to_go_on(parts: Parts, state: ControllerState, given: OperatorInput, 
     asked = _asked_of_jaws(parts, state, given.pressed)
     if asked is not None:
         return asked
-    elsewhere = isinstance(state.activity, Holding) and state.activity.elsewhere
-    told = wish is not None or state.arm.silent or elsewhere
+    if given.event is not None and isinstance(state.activity, Holding):
+        state = state._replace(activity=state.activity.asked_again())
+    told = wish is not None or state.arm.silent or elsewhere(parts.servo, state.arm)
     return Happening(state._replace(wish=wish), None, reason or (obstacle if told else ""))
 
 

@@ -18,18 +18,16 @@ from optsc.geometry.rotation import Array
 from optsc.robot import JointLimits
 from optsc.shaping import TimeLaw
 
-SPEED = 0.25
-"""Share of the velocity limits that a command is led with (tuned here) ..."""
-CHANGE = 0.5
+SPEED = 0.9
+"""Share of the velocity limits that a command is led with: the arm itself does not move ..."""
+CHANGE = 0.9
 """... and of the acceleration and jerk limits."""
-COMING = 0.9
-"""An arm whose distance falls to this share of what it was comes to its command by itself, and is let come."""
-PATIENCE = 0.3
-"""For how long [s] an arm that is not at rest has to stay away from its command before that is led to it."""
 RESTING = 1e-3
 """A command slower than this [rad/s] is at rest."""
-ALIKE = 0.5
-"""How much of a distance may have changed, as a share, for the arm to have gone away from the command led to it."""
+ATTEMPT = 2.0
+"""How far the command is led, in parts of the tolerance, before the arm has to have come nearer for it."""
+PUSHED = 5.0
+"""How far an arm that had gone away has to be moved, in parts of the tolerance, to be followed again."""
 
 
 class Lead(NamedTuple):
@@ -68,21 +66,16 @@ class Lead(NamedTuple):
 class Holding(NamedTuple):
     """Come to rest and stay there; lead the command to an arm that is at rest elsewhere.
 
+    An arm that keeps its distance as the command is led to it is not where its readings say, or sags by more than the
+    tolerance: following it would never end, and would move it.
+
     Attributes:
         lead: the motion of the command, while there is one.
-        away, waited: how far the arm was from the command [rad], and for how long it has not come nearer [s].
-        tried: distance (n,) [rad] over which the command was led last to an arm at rest, until the arm is near it.
+        refused: distance (n,) [rad] of an arm that went away from the command; None where none did.
     """
 
     lead: Lead | None = None
-    away: float = 0.0
-    waited: float = 0.0
-    tried: Array | None = None
-
-    @property
-    def elsewhere(self) -> bool:
-        """Whether the arm is not where it is commanded to be."""
-        return self.lead is not None or self.waited > 0.0
+    refused: Array | None = None
 
     def step(self, servo: Servo, hand: HandInput, opening: float) -> tuple[Activity, Outcome]:
         """Do one tick; see `Activity`."""
@@ -93,59 +86,66 @@ class Holding(NamedTuple):
         command = servo.move(lead.velocity(servo.period))
         return after._replace(lead=lead._replace(ticks=lead.ticks + 1)), Outcome(command)
 
+    def asked_again(self) -> Holding:
+        """Return the same for an operator who asks anew: an arm that went away is followed once more."""
+        return self if self.refused is None else self._replace(refused=None)
+
     def _decided(self, servo: Servo, arm: MeasuredArm) -> Holding:
         """Return what is done at this tick: whether the command is led, and where to."""
-        tolerance, limits = arm.tolerance, servo.guard.limits
-        command, speed, _ = servo.guard.columns
-        q = arm.q
-        if q is None or not arm.believed:
-            return self._still()
-        gap = offset(servo.robot, limits, q, command)
-        distance = float(np.abs(gap).max())
+        gap = gap_to(servo, arm)
+        if gap is None:
+            return self if self.lead is None else self._replace(lead=None)
+        resume, distance = arm.tolerance.resume, float(np.abs(gap).max())
         if self.lead is not None:
-            left = float(np.abs(self.lead.start + self.lead.shift - command).max())
-            came_back = distance < 0.5 * tolerance.resume < left
-            if self.lead.over(servo.period) or came_back:
-                return self._still()
+            return self._led_on(self.lead, servo, gap, resume)
+        if distance <= resume:
+            return self._replace(refused=None) if self.refused is not None and distance < 0.5 * resume else self
+        if np.abs(servo.guard.columns[1]).max() > RESTING or not arm.at_rest:
             return self
-        if distance <= tolerance.resume or np.abs(speed).max() > RESTING:
-            near = distance < 0.5 * tolerance.resume
-            return self._still() if not near or self.tried is None else self._still()._replace(tried=None)
-        if self.waited == 0.0 or distance < COMING * self.away:
-            return self._replace(away=distance, waited=servo.period)
-        at_rest = arm.at_rest
-        if self.waited < (tolerance.rest_time if at_rest else PATIENCE) or self.went_away(gap):
-            return self._replace(waited=self.waited + servo.period)
-        tried = gap if at_rest else None
-        return self._replace(lead=Lead.begin(limits, command.copy(), gap), waited=0.0, tried=tried)
+        if self.refused is not None and np.abs(gap - self.refused).max() <= PUSHED * resume:
+            return self
+        return Holding(Lead.begin(servo.guard.limits, servo.guard.q.copy(), gap))
 
-    def _still(self) -> Holding:
-        return self if self.lead is None and self.waited == 0.0 else self._replace(lead=None, waited=0.0)
+    def _led_on(self, lead: Lead, servo: Servo, gap: Array, resume: float) -> Holding:
+        command, over = servo.guard.q, lead.over(servo.period)
+        travel, left = (float(np.abs(part).max()) for part in (command - lead.start, lead.start + lead.shift - command))
+        distance = float(np.abs(gap).max())
+        came = float(np.abs(lead.shift).max()) - distance
+        if (over or travel > ATTEMPT * resume) and came < 0.5 * travel:
+            return Holding(refused=gap)
+        came_back = distance < 0.5 * resume < left
+        return Holding() if over or came_back else self
 
-    def went_away(self, gap: Array) -> bool:
-        """Tell whether the arm is as far from the command as before that was led to it.
 
-        It would go on so for ever with an arm that sags by more than the tolerance.
-        """
-        if self.tried is None or self.lead is not None:
-            return False
-        return bool(np.abs(gap - self.tried).max() <= ALIKE * np.abs(self.tried).max())
+def gap_to(servo: Servo, arm: MeasuredArm) -> Array | None:
+    """Return how far (n,) [rad] the command has to be led to the arm; None while the readings are not believed."""
+    q = arm.q
+    if q is None or not arm.believed:
+        return None
+    return offset(servo.robot, servo.guard.limits, q, servo.guard.q)
+
+
+def elsewhere(servo: Servo, arm: MeasuredArm) -> bool:
+    """Tell whether the arm is not where it is commanded to be."""
+    gap = gap_to(servo, arm)
+    return gap is not None and float(np.abs(gap).max()) > arm.tolerance.resume
 
 
 def unready(holding: Activity, servo: Servo, arm: MeasuredArm) -> str:
     """Return why motion cannot begin, in words; empty where the arm is at rest where it is commanded to be."""
-    doubt, q = arm.doubt, arm.q
-    if doubt or q is None:
-        return doubt
-    robot, command = servo.robot, servo.guard.q
-    gap = offset(robot, servo.guard.limits, q, command)
-    distance = float(np.abs(gap).max())
-    if distance > arm.tolerance.resume:
-        error = tracking_error(robot, q, command)
-        if isinstance(holding, Holding) and holding.went_away(gap):
+    q = arm.q
+    if q is None or not arm.believed:
+        return arm.doubt
+    lead, refused = (holding.lead, holding.refused) if isinstance(holding, Holding) else (None, None)
+    if elsewhere(servo, arm):
+        error = tracking_error(servo.robot, q, servo.guard.q)
+        if refused is not None:
             return f"the arm stays {error:.2f} rad from its command, wherever that is led"
-        return f"the arm is {error:.2f} rad from its command; the command is being led to it"
-    if isinstance(holding, Holding) and holding.lead is not None:
+        away = f"the arm is {error:.2f} rad from its command"
+        if lead is None:
+            return f"{away}; the command is led to it as soon as it rests"
+        return f"{away}; the command is being led to it"
+    if lead is not None:
         return "the command is being led to where the arm is"
     moving = not arm.at_rest or np.abs(servo.guard.columns[1]).max() > RESTING
     return "the arm is not at rest yet" if moving else ""

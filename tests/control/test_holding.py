@@ -148,6 +148,24 @@ def test_an_arm_that_sags_more_is_not_followed_for_ever(robot):
     assert loop.until(Mode.MANUAL, 0.3) is not None
 
 
+@pytest.mark.parametrize("bias", [0.4, 1.0])
+@pytest.mark.parametrize("drifts", [False, True])
+def test_readings_that_are_off_do_not_lead_the_arm_away(robot, bias, drifts):
+    rng = np.random.default_rng([drifts, round(10 * bias)])
+    direction = rng.uniform(-1.0, 1.0, robot.n)
+    direction *= bias / np.abs(direction).max()
+    loop = Loop(robot, 250.0, robot.home, lambda q, command: command)
+    loop.go(0.4)
+    for k in range(750):
+        share = min(1.0, k / 500) if drifts else 1.0
+        loop.tick(clutch=k < 5, reading=loop.q + share * direction)
+    assert loop.steps[-1].mode is Mode.HOLD
+    assert np.ptp(loop.commands[-50:], axis=0).max() < 1e-9
+    begun = next(k for k, step in enumerate(loop.steps) if step.event is Event.FAULT)
+    assert np.abs(np.array(loop.commands[begun:]) - loop.commands[begun]).max() < 0.1
+    assert_limits(loop)
+
+
 def test_an_arm_that_comes_to_its_command_is_let_come(robot):
     loop = Loop(robot, 500.0, robot.home + 0.2, lambda q, command: q + 0.02 * (command - q))
     loop.go(2.0, clutch=False)
