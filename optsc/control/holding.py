@@ -87,7 +87,7 @@ class Holding(NamedTuple):
         return after._replace(lead=lead._replace(ticks=lead.ticks + 1)), Outcome(command)
 
     def asked_again(self) -> Holding:
-        """Return the same for an operator who asks anew: an arm that went away is followed once more."""
+        """Return the same for an operator who asks again: an arm that went away is followed once more."""
         return self if self.refused is None else self._replace(refused=None)
 
     def _decided(self, servo: Servo, arm: MeasuredArm) -> Holding:
