@@ -18,6 +18,7 @@ from optsc.control.operator_input import OperatorInput
 from optsc.control.servo import Servo
 from optsc.operators import Button
 from optsc.operators.clutch import Hand
+from optsc.operators.jumps import TrackedHand
 
 RETRY = 1.0
 """Time [s] after which a robot that begins by itself tries again, where it found no path."""
@@ -120,9 +121,12 @@ def tuned(parts: Parts, state: ControllerState, given: OperatorInput) -> tuple[C
         return state, ""
     if given.nudge is not None:
         tuning = tuning.pushed(given.nudge)
-    if Button.NUDGE in monitor.buttons and given.new and given.moved_from and monitor.hand:
+    before, hand = given.moved_from, monitor.hand
+    led = Button.NUDGE in monitor.buttons and given.new
+    # A hand that jumps does not mean the grasp.
+    if led and before and hand and not TrackedHand(before).jumps(state.clutch, hand):
         grasp = pose_of(target.X_WG)[1]
-        tuning = tuning.pushed(hand_nudge(state.clutch, given.moved_from, monitor.hand, grasp))
+        tuning = tuning.pushed(hand_nudge(state.clutch, before, hand, grasp))
     reason = ""
     if state.choice.deciding is None:
         tuning, reason = tuning.settled(parts.servo.time, parts.choice.pieces(parts.servo))

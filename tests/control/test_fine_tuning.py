@@ -167,6 +167,17 @@ def test_the_robot_waits_at_the_pregrasp_and_grasps_what_was_nudged_once_it_is_c
     assert_limits_hold(robot, loop.steps)
 
 
+def test_a_hand_that_jumps_nudges_nothing(robot):
+    loop = going(robot)
+    loop.go(0.1, buttons=frozenset({Button.NUDGE}))
+    target = loop.steps[-1].target
+    loop.hand = Pose(rotation.multiply(rotation.exp([0.0, 0.0, 0.5]), loop.hand.quaternion), loop.hand.translation)
+    loop.go(0.1, buttons=frozenset({Button.NUDGE}))
+    loop.hand = Pose(loop.hand.quaternion, loop.hand.translation + [0.0, 0.08, 0.0])
+    loop.go(0.1, buttons=frozenset({Button.NUDGE}))
+    assert loop.steps[-1].target.X_WG.almost_equal(target.X_WG, 1e-9)
+
+
 def test_without_the_button_the_hand_nudges_nothing(robot):
     loop = going(robot)
     target = loop.steps[-1].target
