@@ -103,7 +103,7 @@ class LiveScene:
     def follower(self) -> Follower:
         """Return a new arm; it needs closing."""
         if self.choice.follower == "ideal":
-            return IdealFollower(self.robot, self.world.X_WO)
+            return IdealFollower(self.robot, self.world.X_WO, self.start.candidates)
         # A session without physics does not load the engine.
         from optsc.sim.follower import PyBulletFollower
 
