@@ -61,7 +61,7 @@ def state_columns(sizes: Sizes) -> Columns:
         "lost": 1,
         "engaged": 1,
         "arrival": 1,
-        "restarts": 1,
+        "settings": settings_block.COLUMNS.size,  # those in force
         "objects": POSE * objects,
         "shown": POSE * objects,  # the selected grasp of each; not a number where there is none
         "selected": objects,  # its candidate, -1 for none

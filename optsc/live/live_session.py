@@ -124,11 +124,14 @@ def run_server(
     say_ready: Callable[[Any], None], choice: SceneChoice, sizes: Sizes, name: str, access: Access, light: bool
 ) -> None:
     """Run the page server; it is ready with the port that it serves."""
+    from optsc.live.clients import LATEST
     from optsc.live.frames import Frames
     from optsc.live.server import PageServer
 
     parts = SharedParts(sizes, name)
-    server = PageServer(parts, Frames(LiveScene(choice), parts.state_columns, light), access)
+    # Who waits longer for a slow network also takes what comes late over it.
+    latest = max(LATEST, choice.timeout)
+    server = PageServer(parts, Frames(LiveScene(choice), parts.state_columns, light), access, latest)
     context = None
     if access.secure:
         from optsc.live.certificates import server_context

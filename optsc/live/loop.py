@@ -78,7 +78,7 @@ class ControlLoop:
         rows.take(tick, self.session, self._hand.row)
         self._parts.ticks.push(rows.tick_row(clock, schedule, self._settings_row))
         if self.session.ticks % SHOWN_EVERY == 0:
-            self._parts.state.write(rows.state_row(schedule, self._worst_late, self._settings.restarts))
+            self._parts.state.write(rows.state_row(schedule, self._worst_late, self._settings_row))
             self._worst_late = 0.0
 
     def run(self, ended: Callable[[], bool]) -> None:

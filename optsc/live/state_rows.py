@@ -99,11 +99,11 @@ class StateRows:
         row[at["settings"]] = settings
         return row
 
-    def state_row(self, schedule: Schedule, worst_late: float, restarts: int) -> Array:
+    def state_row(self, schedule: Schedule, worst_late: float, settings: Array) -> Array:
         """Return the row for the page."""
         row, at = self._state, self._of_state
         row[at["late"]], row[at["worst_late"]], row[at["lost"]] = schedule.late, worst_late, schedule.lost
-        row[at["late_ticks"]], row[at["restarts"]] = schedule.late_ticks, restarts
+        row[at["late_ticks"]], row[at["settings"]] = schedule.late_ticks, settings
         return row
 
     def _take_sample(self, tick: Tick) -> None:

@@ -33,6 +33,7 @@ function replay() {
   const player = new Player(document.getElementById("player"), recorded.moments, (moment) => {
     newest = moment;
     view.show(moment);
+    panel.settings(moment.settings);
     panel.show(moment, nobody);
     plots.show(moment);
   });
