@@ -68,6 +68,7 @@ def state_columns(sizes: Sizes) -> Columns:
         "widths": objects,  # its opening
         "intended": 1,  # which object is, -1 for none
         "target_object": 1,  # which one the robot goes for, -1 for none
+        "held": 1,  # which one the jaws hold; -1 for none, -2 for something that is none of them
         "path": 2 * POSE,  # pre-grasp and grasp
         "terms": len(TERMS),
         "ranks": sizes.candidates,  # 0 best, 1 worst of its object; not a number where it is not admissible
@@ -108,6 +109,7 @@ def tick_columns(sizes: Sizes) -> Columns:
         "target": POSE,
         "error": 6,
         "intended": 1,
+        "held": 1,
         "selected": 1,
         "terms": len(TERMS),
         "objects": POSE * sizes.objects,

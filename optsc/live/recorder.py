@@ -60,6 +60,7 @@ MEANING = {
     "target": "pose that the tool is led along: position [m], unit quaternion (w, x, y, z)",
     "error": "reference minus commanded tool pose, in the tool frame [m, rad]",
     "intended": "index into objects of the intended one, -1 for none",
+    "held": "index into objects of what the jaws hold, -1 for nothing, -2 for something else",
     "selected": "candidate that is its selected grasp",
     "terms": "costs of that grasp, see terms",
     "objects": "pose of each object: position [m], unit quaternion (w, x, y, z)",

@@ -37,7 +37,7 @@ class SceneChoice(Checked):
         objects: names of what lies on the table.
         seed: of where they lie.
         follower: ``pybullet``, a simulated world in which things can be pushed and lifted, or ``ideal``, an arm that is
-            where it was commanded to be, among objects that never move.
+            where it was commanded to be and carries what it grasps, but pushes nothing.
         rate: of the control loop [Hz].
         timeout: after so long without a word from the page the arm holds [s].
     """

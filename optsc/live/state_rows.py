@@ -63,13 +63,14 @@ class StateRows:
         state, tick_row, s, t = self._state, self._tick, self._of_state, self._of_tick
         p, q = session.controller.servo.reference
         target = (*p, *q)
+        held = -1.0 if step.held is None else self._index.get(step.held.object_name, -2.0)
         for row, at in ((state, s), (tick_row, t)):
             row[at["time"]], row[at["mode"]], row[at["status"]] = step.time, _MODE[step.mode], _STATUS[command.status]
             row[at["q"]], row[at["q_measured"]] = command.q, measured.q
             row[at["opening"]], row[at["opening_measured"]] = step.opening, measured.opening
             row[at["target"]], row[at["error"]] = target, command.error
             row[at["elapsed"]], row[at["arrival"]] = tick.elapsed, hand[0]
-            row[at["engaged"]] = hand[_HAND["engaged"]]
+            row[at["engaged"]], row[at["held"]] = hand[_HAND["engaged"]], held
         state[s["ticks"]] = session.ticks
         tick_row[t["tick"]] = session.ticks
         tick_row[t["v"]], tick_row[t["a"]], tick_row[t["v_measured"]] = command.v, command.a, measured.v
