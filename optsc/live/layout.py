@@ -114,6 +114,9 @@ def tick_columns(sizes: Sizes) -> Columns:
         "terms": len(TERMS),
         "objects": POSE * sizes.objects,
         "measured_time": 1,
+        "observations": 1,  # how often grasps were placed again
+        "seen": POSE * sizes.objects,  # where the objects were then
+        "seen_q": n,  # and the arm
         "settings": settings_block.COLUMNS.size,  # those in force
         "reason": REASON,
     }

@@ -64,6 +64,9 @@ MEANING = {
     "selected": "candidate that is its selected grasp",
     "terms": "costs of that grasp, see terms",
     "objects": "pose of each object: position [m], unit quaternion (w, x, y, z)",
+    "observations": "how often the grasps of objects that moved were placed again",
+    "seen": "poses of the objects that the grasps in use follow from: position [m], unit quaternion (w, x, y, z)",
+    "seen_q": "joint positions that they were solved from [rad]",
     "settings": "settings in force, see settings",
     "reason": "why motion was held back or a request refused",
 }

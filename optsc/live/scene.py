@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
+
+import numpy as np
 
 from optsc.checks import Between, Checked, OneOf, Positive, Where
 from optsc.control.approach import Approach
@@ -12,13 +14,15 @@ from optsc.control.controller import SharedController
 from optsc.control.servo import ServoSettings
 from optsc.followers import IdealFollower
 from optsc.followers.protocol import Follower
+from optsc.geometry import Pose
+from optsc.geometry.rotation import Array
 from optsc.grasps import GraspLibrary
 from optsc.live.layout import Sizes
 from optsc.live.settings_block import LiveSettings
 from optsc.operators import ClutchSettings
 from optsc.records import SceneUpdate
 from optsc.robot import ROBOT_NAMES, RobotModel, load_robot
-from optsc.selection import GraspSelector, Hysteresis
+from optsc.selection import Hysteresis
 from optsc.sim import Tabletop, tabletop
 from optsc.study.episode_setup import FOLLOWERS, true_scene
 from optsc.study.libraries import library_of
@@ -74,6 +78,16 @@ class LiveScene:
         return true_scene(self.world, self.library)
 
     @property
+    def poses(self) -> Array:
+        """Poses of the objects at the start (K, 7): position and unit quaternion."""
+        return np.array([[*X.translation, *X.quaternion] for X in self.world.X_WO.values()])
+
+    def seen(self, poses: Array) -> SceneUpdate:
+        """Return the grasps and the collision check where the objects are at ``poses`` (K, 7)."""
+        X_WO = {name: Pose(row[3:], row[:3]) for name, row in zip(self.names, poses, strict=True)}
+        return true_scene(replace(self.world, X_WO=X_WO), self.library)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the objects, in the order of all their numbers."""
         return tuple(self.world.objects)
@@ -86,7 +100,10 @@ class LiveScene:
     def controller(self, settings: LiveSettings) -> SharedController:
         """Return the controller: the hand is coupled relative to where it took hold, in the axes of the world."""
         approach = Approach()
-        selector = GraspSelector(
+        # It can be given what the observer has solved.
+        from optsc.live.observer import PreparedSelector
+
+        selector = PreparedSelector(
             self.robot,
             settings.ranking_rule,
             standoff=approach.standoff,

@@ -93,6 +93,16 @@ class StateRows:
         """Forget what was shown last: time begins again."""
         self._ranking, self._ranked = None, -np.inf
 
+    @property
+    def objects(self) -> Array:
+        """Poses of the objects at the newest tick (K, 7)."""
+        return self._state[self._of_state["objects"]].reshape(-1, POSE)
+
+    def observed(self, count: int, poses: Array, q: Array) -> None:
+        """Put in what the grasps in use follow from."""
+        row, at = self._tick, self._of_tick
+        row[at["observations"]], row[at["seen"]], row[at["seen_q"]] = count, poses.ravel(), q
+
     def tick_row(self, clock: float, schedule: Schedule, settings: Array) -> Array:
         """Return the row for the recorder."""
         row, at = self._tick, self._of_tick
