@@ -27,9 +27,10 @@ from optsc.sim import Tabletop, tabletop
 from optsc.study.episode_setup import FOLLOWERS, true_scene
 from optsc.study.libraries import library_of
 
-JUMP = (0.5, 2.0)
-"""A hand that moves further from one sample to the next [m, rad] has jumped. The page judges its trackers itself, frame
-by frame, and moves no hand faster than 0.8 m/s; on a loaded machine many of its samples may be overtaken."""
+JUMP, QUICK = (0.5, 2.0), (1000.0, 3000.0)
+"""A hand that moves further from one sample to the next [m, rad], or speeds up more [m/s^2, rad/s^2], has jumped. The page
+judges its trackers itself, frame by frame, and moves no hand faster than 0.8 m/s; on a loaded machine many of its
+samples may be overtaken."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,9 @@ class LiveScene:
             angular_speed=approach.angular_speed,
         )
         servo = ServoSettings(timeout=self.choice.timeout)
-        clutch = ClutchSettings(orientation="relative", scale=settings.scale, fade=0.15, largest_step=JUMP)
+        clutch = ClutchSettings(
+            orientation="relative", scale=settings.scale, fade=0.15, largest_step=JUMP, largest_acceleration=QUICK
+        )
         return SharedController(
             self.robot, selector, approach=approach, clutch=clutch, smoothing=settings.smoothing, servo=servo
         )

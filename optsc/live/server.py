@@ -177,10 +177,12 @@ class PageServer:
         return self._take_hand(client, message, now)
 
     def _take_hand(self, client: Client, message: HandMessage, now: float) -> str:
-        if client.delay(message.time, now) > self._latest:
+        delay = client.delay(message.time, now)
+        if delay > self._latest:
             self._hand.let_go()
             return "it comes too late"
-        reading = HandReading(now, message.p, message.q, message.engaged, message.pressed, message.time)
+        # By the page's own clock: what arrives in bunches was not moved in bunches.
+        reading = HandReading(now - delay, message.p, message.q, message.engaged, message.pressed, message.time)
         self._hand.post(reading)
         return ""
 
