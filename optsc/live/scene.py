@@ -28,8 +28,8 @@ from optsc.study.episode_setup import FOLLOWERS, true_scene
 from optsc.study.libraries import library_of
 
 JUMP, QUICK = (0.5, 2.0), (1000.0, 3000.0)
-"""A hand that moves further from one sample to the next [m, rad], or speeds up more [m/s^2, rad/s^2], has jumped. The page
-judges its trackers itself, frame by frame, and moves no hand faster than 0.8 m/s; on a loaded machine many of its
+"""A hand that moves further from one sample to the next [m, rad], or speeds up more [m/s^2, rad/s^2], has jumped. The
+page judges its trackers itself, frame by frame, and moves no hand faster than 0.8 m/s; on a loaded machine many of its
 samples may be overtaken."""
 
 
