@@ -39,7 +39,8 @@ import numpy as np
 from optsc.checks import Checked, Each, NonNegative, Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.ik.solvers import QpSolver, Rows, make_solver, usable_answer
+from optsc.ik.solvers import DaqpSolver, QpSolution, QpSolver, Rows, make_solver, usable_answer
+from optsc.kernels.interior import interior_minimum
 from optsc.kernels.kernel import build_kernel
 from optsc.kernels.pose_task import PoseTaskSettings, pose_task
 from optsc.robot.limits import JointLimits
@@ -147,7 +148,7 @@ class IkStep(NamedTuple):
         solved: whether the solver found it; `reason` says otherwise why.
         error: reference minus present tool pose (6,), in the tool frame [m, rad].
         volume: volume of the manipulability ellipsoid at the present configuration (Yoshikawa's index).
-        iterations: of the solver.
+        iterations: of the solver; zero where the minimum without bounds is within them, so that it was not asked.
         reason: why not solved; empty when solved.
         slack: how far soft rows are missed at most, in their own unit.
     """
@@ -178,6 +179,11 @@ class DifferentialIK:
         self._carried = smoothness(self.settings.smoothing, self.period)[1] * self.period
         vector[:] = self.settings.vector(self.robot.limits, self.period)
         self._H, self._g, self._error, self._volume = self._kernel.outputs
+        self._interior = build_kernel(interior_minimum(self.robot.n))
+        self._interior.bind(0, self._H)
+        self._interior.bind(1, self._g)
+        *_, self._lowest, self._highest = self._interior.inputs
+        self._minimum, self._inside = self._interior.outputs
 
     def volume(self, q: Array) -> float:
         """Return the volume of the manipulability ellipsoid at configuration ``q`` (n,), as `IkStep.volume`."""
@@ -214,10 +220,7 @@ class DifferentialIK:
             uphill = self.manipulability.gradient(self.robot, q)
             self._posture[:] += self.settings.manipulability_gain / self.settings.posture_gain * uphill
         self._kernel.run()
-        # H is symmetric, so the column-major buffer is read as row-major without a copy.
-        # Copies of the bounds: what a user's solver writes there must not become the limits that are kept.
-        answer = self.solver.solve(self._H.T, self._g, lowest.copy(), highest.copy(), rows)
-        solution = usable_answer(answer, len(lowest), self.solver.name)
+        solution = self._solution(lowest, highest, rows)
         return IkStep(
             solution.x,
             solution.solved,
@@ -227,3 +230,16 @@ class DifferentialIK:
             solution.reason,
             solution.slack,
         )
+
+    def _solution(self, lowest: Array, highest: Array, rows: Rows | None) -> QpSolution:
+        """Return the solution of the program that the kernel has written."""
+        if type(self.solver) is DaqpSolver:
+            # Mostly nothing holds the minimum, and then no solver is needed to find it.
+            self._lowest[:], self._highest[:] = lowest, highest
+            self._interior.run()
+            if self._inside[0] == 1.0 and (rows is None or rows.met(self._minimum)):
+                return QpSolution(self._minimum.copy(), True, 0)
+        # H is symmetric, so the column-major buffer is read as row-major without a copy.
+        # Copies of the bounds: what a user's solver writes there must not become the limits that are kept.
+        answer = self.solver.solve(self._H.T, self._g, lowest.copy(), highest.copy(), rows)
+        return usable_answer(answer, len(lowest), self.solver.name)

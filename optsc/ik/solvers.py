@@ -34,6 +34,11 @@ class Rows(NamedTuple):
     upper: Array
     weight: float | None = None
 
+    def met(self, x: Array) -> bool:
+        """Tell whether x (n,) meets all of them."""
+        value = self.matrix @ x
+        return bool(((value >= self.lower) & (value <= self.upper)).all())
+
 
 class QpSolution(NamedTuple):
     """Minimiser x (n,), whether it is one, how many iterations it took, and otherwise why not.

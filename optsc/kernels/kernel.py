@@ -27,7 +27,7 @@ class Kernel:
     Attributes:
         function: what is evaluated.
         compiled: whether machine code runs, or CasADi's virtual machine.
-        inputs, outputs: the buffers; they stay the same arrays for the kernel's life, but for `bind`.
+        inputs, outputs: the buffers; they stay the same arrays for the kernel's life, but for `bind`, `bind_output`.
         run: evaluates `outputs` from `inputs`; not for several threads at once.
     """
 
@@ -45,10 +45,8 @@ class Kernel:
             self._bound.set_arg(i, array.reshape(-1, order="F").data)
         for i, array in enumerate(self.outputs):
             self._bound.set_res(i, array.reshape(-1, order="F").data)
-        run: Any = functools.partial(evaluate)
-        # The evaluator knows bare addresses, so whoever holds `run` has to hold what they belong to.
-        run.held = (self._bound, self.inputs, self.outputs)
-        self.run = run
+        self.run = functools.partial(evaluate)
+        self._hold()
         self._lock = threading.Lock()
 
     def bind(self, index: int, array: Array) -> None:
@@ -56,15 +54,25 @@ class Kernel:
 
         Raises `InvalidValue` for another shape or layout.
         """
-        shape = self.inputs[index].shape
-        if array.shape != shape or not array.flags.f_contiguous or array.dtype != np.float64:
-            raise InvalidValue(
-                f"input {self.function.name_in(index)}",
-                (array.shape, array.dtype),
-                f"{shape} float64, F order",
-            )
+        self._checked(self.inputs[index], array, f"input {self.function.name_in(index)}")
         self._bound.set_arg(index, array.reshape(-1, order="F").data)
         self.inputs = (*self.inputs[:index], array, *self.inputs[index + 1 :])
+        self._hold()
+
+    def bind_output(self, index: int, array: Array) -> None:
+        """Write an output to ``array`` from now on, which no input may overlap; see `bind`."""
+        self._checked(self.outputs[index], array, f"output {self.function.name_out(index)}")
+        self._bound.set_res(index, array.reshape(-1, order="F").data)
+        self.outputs = (*self.outputs[:index], array, *self.outputs[index + 1 :])
+        self._hold()
+
+    @staticmethod
+    def _checked(buffer: Array, array: Array, name: str) -> None:
+        if array.shape != buffer.shape or not array.flags.f_contiguous or array.dtype != np.float64:
+            raise InvalidValue(name, (array.shape, array.dtype), f"{buffer.shape} float64, F order")
+
+    def _hold(self) -> None:
+        # The evaluator knows bare addresses, so whoever holds `run` has to hold what they belong to.
         run: Any = self.run
         run.held = (self._bound, self.inputs, self.outputs)
 

@@ -106,28 +106,39 @@ def _upper_ends() -> casadi.Function:
 
 
 @lru_cache
-def _upper_end() -> casadi.Function:
-    """(q, v, a, u, V, A, J, dt) -> (end by the rates alone, end by all limits, the `Bound` that closes it)."""
-    x = casadi.MX.sym("x", 8)
-    ends = _upper_ends()(x)
-    least, end, fits, outside, outside_end, bound = (ends[i] for i in range(6))
+def _searched() -> casadi.Function:
+    """(must it be, (q, v, a, u, V, A, J, dt), least a', velocity end) -> end by all limits; jumped over elsewhere."""
+    x, least, end = symbols(casadi.MX, x=8, least=1, end=1)
     data = casadi.vertcat(x[0], x[1], x[3], x[5], x[6], x[7])
     halvings = _halving().fold(BISECTIONS)(casadi.vertcat(least, end), casadi.repmat(data, 1, BISECTIONS))
-    # The search is needed only close to a limit, and jumped over elsewhere.
-    must_search = casadi.logic_and(fits < 0.5, outside < 0.5)
-    searched = only_if(casadi.Function("search", [x], [halvings[0]]), [x], [end])(must_search, x)
-    closed_by_position = casadi.logic_or(fits < 0.5, outside > 0.5)
-    return casadi.Function(
-        "upper_end",
-        [x],
-        [
-            casadi.vertcat(
-                end,
-                casadi.if_else(outside > 0.5, outside_end, searched),
-                casadi.if_else(closed_by_position, float(Bound.POSITION), bound),
-            )
-        ],
-    )
+    return only_if(casadi.Function("search", [x, least, end], [halvings[0]]), [x, least, end], [end])
+
+
+@lru_cache
+def _all_ends(n: int) -> casadi.Function:
+    """(state, limits, dt) -> for the upper ends of all joints, then for the lower ones, seen as upper ones (1, 2 n):
+
+    what `_upper_ends` takes (8, 2 n); least a'; velocity end; whether the end must be searched for; the end where it
+    must not be; `Bound`; and whether any must be searched for.
+    """
+    inputs = symbols(casadi.SX, state=(n, 3), limits=(n, 5), dt=1)
+    state, limits, dt = inputs
+    columns, rows, some = [], [], casadi.SX(0)
+    for sign, position in ((1.0, 1), (-1.0, 0)):
+        for i in range(n):
+            x = casadi.vertcat(sign * state[i, :].T, sign * limits[i, position], limits[i, 2:].T, dt)
+            ends = _upper_ends()(x)
+            least, end, fits, outside, outside_end, bound = (ends[k] for k in range(6))
+            must = casadi.logic_and(fits < 0.5, outside < 0.5)
+            some = casadi.logic_or(some, must)
+            plain = casadi.if_else(outside > 0.5, outside_end, end)
+            by_position = casadi.logic_or(fits < 0.5, outside > 0.5)
+            bound = casadi.if_else(by_position, float(Bound.POSITION), bound)
+            columns.append(x)
+            rows.append(casadi.vertcat(least, end, must, plain, bound))
+    table = casadi.horzcat(*rows)
+    outputs = [casadi.horzcat(*columns), *(table[k, :] for k in range(5)), some]
+    return casadi.Function("all_ends", inputs, [casadi.densify(x) for x in outputs])
 
 
 @lru_cache
@@ -139,23 +150,74 @@ def viable_interval(n: int) -> casadi.Function:
     end (n, 2); how far the joint furthest beyond its position limits is beyond them (1), zero when none is.
     Jerk and acceleration never give, then velocity, then position: the interval is never empty.
     """
-    state, limits, dt = symbols(casadi.MX, state=(n, 3), limits=(n, 5), dt=1)
-    rates, ticks = limits[:, 2:].T, casadi.repmat(dt, 1, n)
-    end = _upper_end().map(n)
-    high = end(casadi.vertcat(state.T, limits[:, 1].T, rates, ticks)).T
-    low = end(casadi.vertcat(-state.T, -limits[:, 0].T, rates, ticks)).T
-    highest = casadi.fmax(high[:, 1], -low[:, 0])
-    lowest = casadi.fmin(-low[:, 1], high[:, 0])
+    inputs = symbols(casadi.MX, state=(n, 3), limits=(n, 5), dt=1)
+    x, least, end, must, plain, bound, any_must = _all_ends(n)(*inputs)
+    # The search is needed only close to a limit, and jumped over elsewhere.
+    arguments = symbols(casadi.MX, x=(8, 2 * n), least=(1, 2 * n), end=(1, 2 * n), must=(1, 2 * n), plain=(1, 2 * n))
+    xs, leasts, ends, musts, plains = arguments
+    found = [
+        casadi.if_else(musts[k], _searched()(musts[k], xs[:, k], leasts[k], ends[k]), plains[k]) for k in range(2 * n)
+    ]
+    search = casadi.Function("searches", arguments, [casadi.horzcat(*found)])
+    all_limits = only_if(search, arguments, [plains])(any_must, x, least, end, must, plain)
+    return casadi.Function(
+        "viable_interval",
+        inputs,
+        list(_closed(n)(*inputs, end, all_limits, bound)),
+        ["state", "limits", "dt"],
+        ["lowest", "highest", "bounds", "outside"],
+    )
+
+
+@lru_cache
+def _closed(n: int) -> casadi.Function:
+    """(state, limits, dt, ends by the rates alone, by all limits, bounds) -> the outputs of `viable_interval`."""
+    inputs = symbols(
+        casadi.SX, state=(n, 3), limits=(n, 5), dt=1, rates=(1, 2 * n), all_limits=(1, 2 * n), bound=(1, 2 * n)
+    )
+    state, limits, dt, rates, all_limits, bound = inputs
+    high, low = (x.T for x in casadi.horzsplit(all_limits, n))
+    high_rates, low_rates = (x.T for x in casadi.horzsplit(rates, n))
+    highest = casadi.fmax(high, -low_rates)
+    lowest = casadi.fmin(-low, high_rates)
     # Two position limits closer together than the joint can stop between: share what neither leaves.
     middle = 0.5 * (lowest + highest)
     crossed = lowest > highest
     highest, lowest = casadi.if_else(crossed, middle, highest), casadi.if_else(crossed, middle, lowest)
     q, v = state[:, 0], state[:, 1]
     outside = casadi.fmax(casadi.mmax(casadi.fmax(q - limits[:, 1], limits[:, 0] - q)), 0.0)
+    bounds = casadi.horzcat(*(x.T for x in casadi.horzsplit(bound, n)[::-1]))
+    outputs = [v + dt * lowest, v + dt * highest, bounds, outside]
+    return casadi.Function("closed", inputs, [casadi.densify(x) for x in outputs])
+
+
+@lru_cache
+def advance(n: int) -> casadi.Function:
+    """Return the function that moves ``n`` joints on by one tick, and closes their accelerations in for the next one.
+
+    Inputs: state (n, 3); interval (n, 2), the viable velocities of this tick; velocity (n), the one that is wanted;
+    limits (n, 5); the period dt [s]. Outputs: the next state, with a' = (v' - v) / dt and q' = q + dt (v + v') / 2; its
+    interval, bounds and what is outside, as `viable_interval` gives them; whether the velocity is inside the interval
+    of this tick, without which the other outputs mean nothing.
+    """
+    inputs = symbols(casadi.SX, state=(n, 3), interval=(n, 2), velocity=n, dt=1)
+    state, interval, velocity, dt = inputs
+    q, v = state[:, 0], state[:, 1]
+    moved = casadi.horzcat(q + (0.5 * dt) * (v + velocity), velocity, (velocity - v) / dt)
+    inside = casadi.SX(1)
+    for i in range(n):
+        within = casadi.logic_and(velocity[i] >= interval[i, 0], velocity[i] <= interval[i, 1])
+        inside = casadi.logic_and(inside, within)
+    step = casadi.Function("step", inputs, [moved, inside])
+    state, interval, velocity, limits, dt = symbols(
+        casadi.MX, state=(n, 3), interval=(n, 2), velocity=n, limits=(n, 5), dt=1
+    )
+    moved, inside = step(state, interval, velocity, dt)
+    lowest, highest, bounds, outside = viable_interval(n)(moved, limits, dt)
     return casadi.Function(
-        "viable_interval",
-        [state, limits, dt],
-        [v + dt * lowest, v + dt * highest, casadi.horzcat(low[:, 2], high[:, 2]), outside],
-        ["state", "limits", "dt"],
-        ["lowest", "highest", "bounds", "outside"],
+        "advance",
+        [state, interval, velocity, limits, dt],
+        [moved, casadi.horzcat(lowest, highest), bounds, outside, inside],
+        ["state", "interval", "velocity", "limits", "dt"],
+        ["next", "next_interval", "bounds", "outside", "inside"],
     )

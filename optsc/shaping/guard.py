@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
 from optsc.kernels.kernel import build_kernel
-from optsc.kernels.viable import viable_interval
+from optsc.kernels.viable import advance, viable_interval
 from optsc.robot.limits import JointLimits
 
 ROUNDING = 1e-9
@@ -51,13 +51,24 @@ class JointGuard:
 
         n = len(limits)
         self.period = period
-        self._kernel = build_kernel(viable_interval(n))
+        self._kernel, self._tick = build_kernel(viable_interval(n)), build_kernel(advance(n))
         if state is not None:
             self._kernel.bind(0, state)
         self._state, self._limit_columns, tick = self._kernel.inputs
         tick[:] = period
-        self.lowest, self.highest, self.bounds, self._outside = self._kernel.outputs
+        self.columns = self._state[:, 0], self._state[:, 1], self._state[:, 2]
+        """The commanded positions, velocities and accelerations (n,): views that the next tick changes."""
+        self.q = self.columns[0]
+        """The commanded configuration (n,) [rad]: a view that the next tick changes."""
+        for index, memory in ((0, self._state), (3, self._limit_columns), (4, tick)):
+            self._tick.bind(index, memory)
+        # A kernel reads while it writes, so the interval of a tick is another memory than that of the next one.
+        _, self._interval_now, self._velocity, *_ = self._tick.inputs
+        self._next, self._interval, self.bounds, self._outside, self._inside = self._tick.outputs
+        self.lowest, self.highest = self._interval[:, 0], self._interval[:, 1]
         """Viable velocities of the next tick (n,) [rad/s], and the `Bound` (n, 2) that closes each end."""
+        for index, memory in enumerate((self.lowest, self.highest, self.bounds, self._outside)):
+            self._kernel.bind_output(index, memory)
         self._planner, self._trajectory = Ruckig(n), Trajectory(n)
         self._plan: Any = InputParameter(n)
         self._plan.control_interface = ControlInterface.Velocity
@@ -115,16 +126,6 @@ class JointGuard:
         """The commanded state."""
         return JointState(*self._state.T.copy())
 
-    @property
-    def columns(self) -> tuple[Array, Array, Array]:
-        """The commanded positions, velocities and accelerations (n,): views that the next tick changes."""
-        return self._state[:, 0], self._state[:, 1], self._state[:, 2]
-
-    @property
-    def q(self) -> Array:
-        """The commanded configuration (n,) [rad]: a view that the next tick changes."""
-        return self._state[:, 0]
-
     def _approach(self, v: Array) -> Array:
         """Return the velocity of the next tick on the time-optimal approach to ``v``, which is outside the interval."""
         from ruckig import Result, RuckigError
@@ -146,15 +147,13 @@ class JointGuard:
 
         Returns the wanted velocity itself where it is viable. A velocity that is not finite means a stop.
         """
-        lowest, highest = self.lowest, self.highest
-        if not np.logical_and.reduce((velocity >= lowest) & (velocity <= highest)):  # quicker than `all`
+        self._interval_now[:], self._velocity[:] = self._interval, velocity
+        self._tick.run()
+        if self._inside[0] != 1.0:
+            lowest, highest = self._interval_now.T
             if not np.isfinite(velocity).all():
                 velocity = np.zeros(len(lowest))
-            velocity = np.minimum(np.maximum(self._approach(velocity), lowest), highest)
-        state, period = self._state, self.period
-        v = state[:, 1]
-        a = (velocity - v) / period
-        q = state[:, 0] + (0.5 * period) * (v + velocity)
-        state[:, 0], state[:, 1], state[:, 2] = q, velocity, a
-        self._kernel.run()
-        return JointState(q, velocity, a)
+            self._velocity[:] = np.minimum(np.maximum(self._approach(velocity), lowest), highest)
+            self._tick.run()
+        self._state[:] = self._next
+        return JointState(*self._next.T.copy())

@@ -9,7 +9,10 @@ import pinocchio
 import pytest
 
 from optsc.errors import InvalidValue
-from optsc.ik import DifferentialIK, IkSettings, Rows, differential
+from optsc.ik import DifferentialIK, IkSettings, Rows, differential, make_solver
+from optsc.ik.solvers import DaqpSolver
+from optsc.kernels import build_kernel
+from optsc.kernels.interior import interior_minimum
 from optsc.robot import ROBOT_NAMES, load_robot
 from optsc.robot.manipulability import Manipulability
 
@@ -260,3 +263,60 @@ def test_the_smoothness_task_fades_alike_at_every_rate():
             v, a = new, (new - v) / period
         ends.append(np.linalg.norm(v))
     assert ends[0] == pytest.approx(ends[1], rel=0.15)
+
+
+@pytest.mark.parametrize("n", [3, 7])
+def test_a_minimum_that_no_bound_holds_is_the_solution_and_any_other_is_left_to_the_solver(n):
+    kernel, solver, rng = build_kernel(interior_minimum(n)), make_solver("daqp"), np.random.default_rng(n)
+    interior = 0
+    for _ in range(300):
+        J = rng.normal(size=(min(n, 6), n))
+        H, g = J.T @ J + 10.0 ** rng.uniform(-2, 0) * np.eye(n), rng.normal(size=n)
+        ends = np.array([[-1.0], [1.0]]) * rng.uniform(0.5, 1.0, n) * rng.choice([1.0, 10.0, 100.0])
+        x, inside = kernel(H, g, *ends)
+        expected = np.linalg.solve(H, -g)
+        np.testing.assert_allclose(x, expected, rtol=1e-7, atol=1e-9)
+        assert inside[0] == np.all((x >= ends[0]) & (x <= ends[1]))
+        if inside[0]:
+            np.testing.assert_allclose(solver.solve(H, g, *ends).x, x, rtol=1e-9, atol=1e-9)
+            interior += 1
+    assert 20 < interior < 280
+    for broken in (-np.eye(n), np.full((n, n), np.nan)):
+        assert kernel(broken, g, np.full(n, -1e9), np.full(n, 1e9))[1] == 0.0
+
+
+def counted(asked, call, *problem, **settings):
+    asked.append(1)
+    return call(*problem, **settings)
+
+
+def test_daqp_is_asked_only_where_something_holds_the_minimum_and_a_users_solver_always(monkeypatch):
+    robot = load_robot("panda")
+    far, X = np.full(robot.n, 10.0), robot.forward(robot.home)
+    reference = np.concatenate([X.translation + [1e-3, 0.0, 0.0], X.quaternion])
+    for kind, expected in ((DaqpSolver, [0, 1, 1, 0, 1]), (type("Users", (DaqpSolver,), {}), [1, 1, 1, 1, 1])):
+        solver, asked = kind(), []
+        monkeypatch.setattr(solver, "_solve", partial(counted, asked, solver._solve))
+        ik = DifferentialIK(robot, 1e-3, solver=solver)
+        problem = still(robot.home), reference, np.zeros(6), robot.home
+        free = ik.solve(*problem, -far, far).velocity
+        row = free / np.linalg.norm(free)
+        reached = float(row @ free)
+        cases = [
+            (-far, far, None),
+            (-far, 0.5 * np.abs(free), None),
+            (-far, far, Rows(row[None], np.array([-1.0]), np.array([0.5 * reached]))),
+            (-far, far, Rows(row[None], np.array([-1.0]), np.array([2.0 * reached]), 100.0)),
+            (-far, far, Rows(row[None], np.array([2.0 * reached]), np.array([np.inf]), 100.0)),
+        ]
+        counts = []
+        for low, high, rows in cases:
+            asked.clear()
+            step = ik.solve(*problem, low, high, rows)
+            assert step.solved
+            counts.append(min(len(asked), 1))
+            assert np.all((step.velocity >= low - 1e-9) & (step.velocity <= high + 1e-9))
+            if not counts[-1]:
+                np.testing.assert_allclose(step.velocity, free, atol=1e-12)
+                assert (step.iterations, step.slack) == (0, 0.0)
+        assert counts == expected

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optsc.kernels.kernel import build_kernel
-from optsc.kernels.viable import Bound, viable_interval
+from optsc.kernels.viable import Bound, advance, viable_interval
 
 N = 12
 
@@ -101,3 +101,29 @@ def test_motion_away_from_a_limit_is_free():
     lowest, highest, *_ = build_kernel(viable_interval(N))(resting, limits, [1e-3])
     np.testing.assert_allclose(lowest, -np.minimum(limits[:, 4] * 1e-3, limits[:, 3]) * 1e-3)
     np.testing.assert_allclose(highest, 0, atol=1e-12)
+
+
+def test_a_tick_in_one_call_is_the_motion_of_the_formulas_and_the_interval_of_the_state_it_leads_to():
+    together, alone = build_kernel(advance(N)), build_kernel(viable_interval(N))
+    rng, viable = np.random.default_rng(4), 0
+    for _ in range(300):
+        rates = rng.uniform([0.5, 1, 50], [3, 20, 5000], (N, 3))
+        limits = np.column_stack([-rng.uniform(0.1, 3, N), rng.uniform(0.1, 3, N), rates])
+        state, dt = rng.uniform(-1, 1, (N, 3)) * [1.0, 0.5, 1.0], rng.choice([1e-3, 8e-3])
+        interval = np.column_stack(alone(state, limits, [dt])[:2])
+        share = rng.uniform(-0.02, 1.02, N) if rng.random() < 0.3 else rng.uniform(0, 1, N)
+        velocity = interval[:, 0] + share * (interval[:, 1] - interval[:, 0])
+        after, next_interval, bounds, outside, inside = together(state, interval, velocity, limits, [dt])
+        is_viable = np.all((velocity >= interval[:, 0]) & (velocity <= interval[:, 1]))
+        assert inside[0] == is_viable
+        viable += is_viable
+        q, v, _ = state.T
+        expected = np.column_stack([q + 0.5 * dt * (v + velocity), velocity, (velocity - v) / dt])
+        np.testing.assert_array_equal(after, expected)
+        lowest, highest, *rest = alone(after, limits, [dt])
+        np.testing.assert_array_equal(next_interval, np.column_stack([lowest, highest]))
+        np.testing.assert_array_equal(bounds, rest[0])
+        np.testing.assert_array_equal(outside, rest[1])
+    assert 150 < viable < 300
+    (*_, inside) = together(state, interval, np.full(N, np.nan), limits, [dt])
+    assert inside[0] == 0.0

@@ -293,5 +293,5 @@ def _with_one_box(rows: RowBuilder, capsules: LinkCapsules, length: Array) -> ca
             Pair([placed[:, k], casadi.DM(constants[:, k]), box], placed[6, k] + drift, margin) for k in capsules.moving
         ]
 
-    sizes = {"capsules": (rows.CAPSULE, len(capsules.link)), "box": Box.SIZE}
+    sizes: dict[str, int | tuple[int, int]] = {"capsules": (rows.CAPSULE, len(capsules.link)), "box": Box.SIZE}
     return _box_pair(rows).together("with_box", sizes, found)

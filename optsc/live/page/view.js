@@ -206,9 +206,8 @@ export class View {
     const goal = moment.automatic ? moment.one("target_object") : moment.one("intended");
     const path = moment.of("path");
     this.ghosts.forEach((ghost, k) => {
-      const ahead = ["approach", "adjust", "advance"].includes(moment.mode) && k === goal;
-      const offered = !moment.automatic && moment.one("held") === -1;
-      ghost.visible = !Number.isNaN(shown[7 * k]) && (ahead || offered);
+      ghost.visible = !Number.isNaN(shown[7 * k]) && (!moment.automatic || k === goal) && moment.mode !== "carry" &&
+        moment.mode !== "lift" && moment.mode !== "close";
       if (!ghost.visible) return;
       if (moment.automatic) place(ghost, path, 7);
       else place(ghost, shown, 7 * k);
@@ -223,7 +222,7 @@ export class View {
 
   showRanks(moment) {
     const ranks = moment.of("ranks");
-    const visible = this.showCandidates && !moment.automatic && moment.one("held") === -1;
+    const visible = this.showCandidates && !moment.automatic;
     this.candidates.visible = visible;
     if (!visible) return;
     const intended = moment.one("intended");
@@ -252,7 +251,7 @@ export class View {
   showPath(moment) {
     const path = moment.of("path");
     const visible = !Number.isNaN(path[0]) && (moment.mode === "approach" || moment.mode === "adjust" ||
-      moment.mode === "advance" || (!moment.automatic && moment.one("held") === -1));
+      moment.mode === "advance" || !moment.automatic);
     this.path.visible = visible;
     if (!visible) return;
     const target = moment.of("target");
