@@ -216,7 +216,7 @@ def snapshot_times(robot: RobotModel, rate: float, ticks: int) -> dict[str, floa
     controller = SharedController(robot, GraspSelector(robot), clutch=ClutchSettings(R_WS=R_WS_DEFAULT))
     operator, follower = (
         Simulated(seed=1),
-        IdealFollower(robot, tabletop(robot, objects=("box",), seed=0).X_WO),
+        IdealFollower(robot, tabletop(robot, objects=("box",), seed=0).X_WO, candidates),
     )
     options: dict[str, Any] = {"candidates": candidates, "clear": clear, "rate": rate}
     session = Session.start(controller, operator=operator, follower=follower, **options)

@@ -334,7 +334,7 @@ class SharedController:
         stop = self.state.stop
         if self.mode is not Mode.HOLD:
             stop = ""
-        elif before is not Mode.HOLD or event is Event.FAULT:
+        elif before is not Mode.HOLD or event in (Event.FAULT, Event.SLIPPED, Event.LOST):
             stop = reason or stop
         if stop != self.state.stop:
             self._set(stop=stop)

@@ -8,7 +8,7 @@ taken over.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, nan
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -112,7 +112,8 @@ def nudge_check(settings: FineTuning, tuned: Tuned, nudge: Nudge) -> NudgeCheck:
     stored = tuned.stored
     X_WG = stored.X_WG @ offset
     X_WP = X_WG @ (stored.X_WG.inverse() @ stored.X_WP)
-    return NudgeCheck(offset, tuned.target._replace(X_WG=X_WG, X_WP=X_WP))
+    # How wide the object is beside the stored grasp, nobody knows.
+    return NudgeCheck(offset, tuned.target._replace(X_WG=X_WG, X_WP=X_WP, opening=nan))
 
 
 def _reached(scene: TuningScene, check: NudgeCheck) -> NudgeCheck:

@@ -270,7 +270,9 @@ class Jaws(NamedTuple):
 
     def _told(self, words: str) -> str:
         target, text = self.target, f"the jaws {words}: opening {_mm(self.judged)}"
-        return text if target is None else f"{text}, expected {_mm(target.opening)} for the {target.object_name}"
+        if target is None or not isfinite(target.opening):
+            return text
+        return f"{text}, expected {_mm(target.opening)} for the {target.object_name}"
 
 
 def _mm(length: float) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
+import numpy as np
+
 from optsc.checks import Checked, Positive
 from optsc.control.activities import Activity, HandInput, Outcome, Travelling
 from optsc.control.approach import Approach
@@ -32,6 +34,10 @@ class PlaceSettings(Checked):
 
 STANDS = 5e-3
 """A tool that is no lower than this [m] below where it grasped has the object standing where it stood."""
+
+
+LEARNING_TIME = 0.3
+"""In the first part of the way down [s] it shows how far an arm in free motion is behind its command."""
 
 
 class Lowering(NamedTuple):
@@ -64,9 +70,24 @@ class Lowering(NamedTuple):
         if not isinstance(motion, Travelling):
             return motion, outcome
         after = self._replace(motion=motion)
+        above = _above(servo, hand)
+        if above is not None:
+            learning = motion.ticks * servo.period < LEARNING_TIME
+            if above > (4.0 * self.settings.contact if learning else self.lag + self.settings.contact):
+                return after, outcome._replace(event=Event.SUPPORTED)
+            if learning:
+                after = after._replace(lag=max(self.lag, above))
         if outcome.event is Event.ARRIVED:
             if self.known:
                 return after, outcome._replace(event=Event.SUPPORTED)
             words = f"there is nothing to put it down on within {1e3 * self.settings.deepest:.0f} mm"
             return after, outcome._replace(event=Event.UNSUPPORTED, reason=words)
         return after, outcome
+
+
+def _above(servo: Servo, hand: HandInput) -> float | None:
+    """Return how far the measured tool is above the commanded one [m]; None while readings are not believed."""
+    if hand.arm.q is None or not hand.arm.believed:
+        return None
+    z = servo.robot.forward(np.stack([hand.arm.q, servo.guard.q])).translation[:, 2]
+    return float(z[0] - z[1])

@@ -35,7 +35,8 @@ class HandReading(NamedTuple):
     """One reading of a device.
 
     Attributes:
-        arrival: when it arrived on this machine, on the clock of `time.perf_counter` [s].
+        arrival: when it arrived on this machine, or would have without the delay that it is known to have had, on the
+            clock of `time.perf_counter` [s].
         p, q: position [m] and unit quaternion (w, x, y, z) of the hand in the station.
         engaged: whether the hand is coupled to the arm.
         pressed: what was pressed since the reading before, by the names of `PRESSABLE`, each as often as it was.

@@ -61,13 +61,14 @@ def state_columns(sizes: Sizes) -> Columns:
         "lost": 1,
         "engaged": 1,
         "arrival": 1,
-        "restarts": 1,
+        "settings": settings_block.COLUMNS.size,  # those in force
         "objects": POSE * objects,
         "shown": POSE * objects,  # the selected grasp of each; not a number where there is none
         "selected": objects,  # its candidate, -1 for none
         "widths": objects,  # its opening
         "intended": 1,  # which object is, -1 for none
         "target_object": 1,  # which one the robot goes for, -1 for none
+        "held": 1,  # which one the jaws hold; -1 for none, -2 for something that is none of them
         "path": 2 * POSE,  # pre-grasp and grasp
         "terms": len(TERMS),
         "ranks": sizes.candidates,  # 0 best, 1 worst of its object; not a number where it is not admissible
@@ -108,10 +109,14 @@ def tick_columns(sizes: Sizes) -> Columns:
         "target": POSE,
         "error": 6,
         "intended": 1,
+        "held": 1,
         "selected": 1,
         "terms": len(TERMS),
         "objects": POSE * sizes.objects,
         "measured_time": 1,
+        "observations": 1,  # how often grasps were placed again
+        "seen": POSE * sizes.objects,  # where the objects were then
+        "seen_q": n,  # and the arm
         "settings": settings_block.COLUMNS.size,  # those in force
         "reason": REASON,
     }

@@ -7,6 +7,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 from optsc.live.access import Access, plain_names
 from optsc.live.children import Child, ChildFailed
 from optsc.live.layout import SharedParts, Sizes
+from optsc.live.observer import Pipe, run_observer
 from optsc.live.scene import LiveScene, SceneChoice
 
 LOOK_EVERY = 0.2
@@ -49,13 +51,18 @@ class LiveSession:
         self.scene, self.access, self._light, self._output, self._say = scene, access, light, output, say
         self.parts = SharedParts(scene.sizes)
         self._shared = (scene.choice, scene.sizes, self.parts.segment.name)
-        self.control = Child("control", run_control, *self._shared)
+        asking, answering = get_context("spawn").Pipe()
+        self.control = Child("control", run_control, *self._shared, asking)
+        self.observer = Child("observer", run_observer, scene.choice, answering)
+        asking.close()
+        answering.close()
         self.recorder = self._recorded()
         self.server = self._served()
         try:
             if self.recorder is not None:
                 self.recorder.wait_until_ready()
             self.control.wait_until_ready()
+            self.observer.wait_until_ready()
             self._find_port()
         except BaseException:
             self.close()
@@ -83,6 +90,8 @@ class LiveSession:
         while not until():
             if not self.control.alive:
                 raise ChildFailed("control", "ended; the arm was left where it was")
+            if not self.observer.alive:
+                raise ChildFailed("observer", "ended; grasps would no longer follow the objects")
             if not self.server.alive:
                 self._say("the page server ended; it begins again, and the arm holds until then")
                 self.server.close()
@@ -98,6 +107,7 @@ class LiveSession:
         """End the processes, the recorder when it has written everything, and remove the shared memory."""
         self.server.close()
         self.control.close()
+        self.observer.close()
         if self.recorder is not None:
             self.recorder.close()
         self.parts.segment.close()
@@ -111,11 +121,13 @@ class LiveSession:
         self.close()
 
 
-def run_control(say_ready: Callable[[Any], None], choice: SceneChoice, sizes: Sizes, name: str) -> None:
-    """Run the control process."""
+def run_control(
+    say_ready: Callable[[Any], None], choice: SceneChoice, sizes: Sizes, name: str, pipe: Pipe | None = None
+) -> None:
+    """Run the control process; ``pipe`` leads to the observer."""
     from optsc.live.loop import ControlLoop
 
-    loop = ControlLoop(LiveScene(choice), SharedParts(sizes, name))
+    loop = ControlLoop(LiveScene(choice), SharedParts(sizes, name), pipe)
     say_ready(None)
     loop.run(lambda: False)
 
@@ -124,11 +136,14 @@ def run_server(
     say_ready: Callable[[Any], None], choice: SceneChoice, sizes: Sizes, name: str, access: Access, light: bool
 ) -> None:
     """Run the page server; it is ready with the port that it serves."""
+    from optsc.live.clients import LATEST
     from optsc.live.frames import Frames
     from optsc.live.server import PageServer
 
     parts = SharedParts(sizes, name)
-    server = PageServer(parts, Frames(LiveScene(choice), parts.state_columns, light), access)
+    # Who waits longer for a slow network also takes what comes late over it.
+    latest = max(LATEST, choice.timeout)
+    server = PageServer(parts, Frames(LiveScene(choice), parts.state_columns, light), access, latest)
     context = None
     if access.secure:
         from optsc.live.certificates import server_context

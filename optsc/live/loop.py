@@ -12,6 +12,7 @@ import numpy as np
 from optsc.control.controller import SharedController
 from optsc.live.hand_mailbox import HandReader
 from optsc.live.layout import SharedParts
+from optsc.live.observer import Lookout, Pipe
 from optsc.live.scene import LiveScene
 from optsc.live.schedule import Schedule
 from optsc.live.settings_block import COLUMNS as SETTINGS
@@ -20,6 +21,8 @@ from optsc.live.state_rows import StateRows
 from optsc.operators.live_hand import LiveHand
 from optsc.session import Session
 
+LOOK_EVERY = 25
+"""Ticks from one look at the objects to the next."""
 SHOWN_EVERY = 4
 """Ticks from one state for the page to the next."""
 
@@ -30,6 +33,7 @@ class ControlLoop:
     Args:
         scene: what is driven.
         parts: the memory that is shared with page server and recorder.
+        pipe: to the observer of objects that move; None where nobody is to look.
         clock, sleep: of the schedule.
 
     Attributes:
@@ -41,6 +45,7 @@ class ControlLoop:
         self,
         scene: LiveScene,
         parts: SharedParts,
+        pipe: Pipe | None = None,
         clock: Callable[[], float] = time.perf_counter,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -55,6 +60,7 @@ class ControlLoop:
         self.schedule = Schedule(1.0 / scene.choice.rate, clock, sleep)
         self._rows = StateRows(scene, parts)
         self._worst_late = 0.0
+        self._lookout = None if pipe is None else Lookout(scene, pipe)
 
     def _started(self) -> Session:
         candidates, clear = self._scene.start
@@ -72,13 +78,16 @@ class ControlLoop:
         clock = self.schedule.wait()
         if self._parts.settings.count != self._settings_count:
             self._take_settings()
+        if self._lookout is not None and self.session.ticks % LOOK_EVERY == LOOK_EVERY - 1:
+            self._lookout.look(self.controller, self._rows.objects)
+            self._rows.observed(self._lookout.count, *self._lookout.seen)
         tick = self.session.tick()
         self._worst_late = max(self._worst_late, self.schedule.late)
         rows, schedule = self._rows, self.schedule
         rows.take(tick, self.session, self._hand.row)
         self._parts.ticks.push(rows.tick_row(clock, schedule, self._settings_row))
         if self.session.ticks % SHOWN_EVERY == 0:
-            self._parts.state.write(rows.state_row(schedule, self._worst_late, self._settings.restarts))
+            self._parts.state.write(rows.state_row(schedule, self._worst_late, self._settings_row))
             self._worst_late = 0.0
 
     def run(self, ended: Callable[[], bool]) -> None:
@@ -104,6 +113,8 @@ class ControlLoop:
         if after.restarts != before.restarts:
             self.session = self._started()
             self._rows.begin_again()
+            if self._lookout is not None:
+                self._lookout.begin_again()
 
 
 def apply_settings(controller: SharedController, before: LiveSettings, after: LiveSettings) -> None:

@@ -60,9 +60,13 @@ MEANING = {
     "target": "pose that the tool is led along: position [m], unit quaternion (w, x, y, z)",
     "error": "reference minus commanded tool pose, in the tool frame [m, rad]",
     "intended": "index into objects of the intended one, -1 for none",
+    "held": "index into objects of what the jaws hold, -1 for nothing, -2 for something else",
     "selected": "candidate that is its selected grasp",
     "terms": "costs of that grasp, see terms",
     "objects": "pose of each object: position [m], unit quaternion (w, x, y, z)",
+    "observations": "how often the grasps of objects that moved were placed again",
+    "seen": "poses of the objects that the grasps in use follow from: position [m], unit quaternion (w, x, y, z)",
+    "seen_q": "joint positions that they were solved from [rad]",
     "settings": "settings in force, see settings",
     "reason": "why motion was held back or a request refused",
 }

@@ -9,7 +9,9 @@ import numpy as np
 from optsc.followers.protocol import FollowerState
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.live.layout import POSE
 from optsc.live.loop import apply_settings
+from optsc.live.observer import Observation, solved, take
 from optsc.live.run_folder import RunFolder
 from optsc.live.scene import LiveScene
 from optsc.live.settings_block import COLUMNS as SETTINGS
@@ -35,10 +37,10 @@ class Rerun(NamedTuple):
 def rerun(folder: RunFolder) -> Rerun:
     """Run a recorded session again and compare; raise `DamagedFile` where it cannot be read."""
     scene = LiveScene(folder.choice)
-    columns = _Columns(folder.ticks(), scene.robot.n)
+    columns = _Columns(folder.ticks(), scene.robot.n, len(scene.names))
     settings = LiveSettings()
     controller = scene.controller(settings)
-    ticks, differing, expected = 0, 0, 1
+    ticks, differing, expected, observations = 0, 0, 1, 0.0
     for i in range(len(columns.tick)):
         number = int(columns.tick[i])
         before, settings = settings, LiveSettings.of_row(columns.settings[i])
@@ -48,6 +50,10 @@ def rerun(folder: RunFolder) -> Rerun:
             controller.reset(scene.robot.home, scene.choice.rate)
             controller.observe(*scene.start)
             expected = 1
+        count, poses, q = columns.seen(i)
+        if count > observations:
+            take(controller, *solved(scene, controller.selector, Observation(poses, q)))
+            observations = count
         if number != expected:
             return Rerun(ticks, differing, len(columns.tick) - ticks)
         step = controller.step(columns.sample(i), columns.measured(i))
@@ -60,17 +66,24 @@ def rerun(folder: RunFolder) -> Rerun:
 class _Columns:
     """The columns of a recording that are needed, as arrays."""
 
-    def __init__(self, table: Any, n: int) -> None:
+    def __init__(self, table: Any, n: int, objects: int) -> None:
+        count = POSE * objects
+
         def of(name: str, count: int = 1) -> Array:
             labels = [name] if count == 1 else [f"{name}_{k}" for k in range(count)]
             return np.column_stack([table.column(label).to_numpy() for label in labels])
 
         self.tick, self.settings = of("tick")[:, 0], of("settings", SETTINGS.size)
+        self._observations = np.hstack([of("observations"), of("seen", count), of("seen_q", n)])
         self._given = of("sample")[:, 0]
         self._hand = np.hstack([of("stamp"), of("raw_p", 3), of("raw_q", 4)])
         self._flags = np.hstack([of("engaged"), of("trigger"), of("buttons")])
         self._measured = [of("measured_time"), of("q_measured", n), of("v_measured", n), of("opening_measured")]
         self._command = np.hstack([of("q", n), of("v", n), of("opening")])
+
+    def seen(self, i: int) -> tuple[float, Array, Array]:
+        row, n = self._observations[i], self._measured[1].shape[1]
+        return float(row[0]), row[1:-n].reshape(-1, POSE), row[-n:].copy()
 
     def sample(self, i: int) -> OperatorSample | None:
         if not self._given[i]:

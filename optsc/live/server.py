@@ -53,6 +53,7 @@ class PageServer:
         parts: the memory that is shared with the control process.
         frames: makes what is sent.
         access: where and to whom.
+        latest: how much longer than the quickest a message of the hand may be on its way [s].
         clock: of arrivals [s]; that of the control process.
     """
 
@@ -61,10 +62,11 @@ class PageServer:
         parts: SharedParts,
         frames: Frames,
         access: Access,
+        latest: float = LATEST,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.access, self._parts, self._frames, self._clock = access, parts, frames, clock
-        self._scene = frames.scene()
+        self._scene, self._latest = frames.scene(), latest
         self._hand = HandWriter(parts.hand)
         self._settings = LiveSettings()
         row = np.zeros(SETTINGS.size)
@@ -175,10 +177,12 @@ class PageServer:
         return self._take_hand(client, message, now)
 
     def _take_hand(self, client: Client, message: HandMessage, now: float) -> str:
-        if client.delay(message.time, now) > LATEST:
+        delay = client.delay(message.time, now)
+        if delay > self._latest:
             self._hand.let_go()
             return "it comes too late"
-        reading = HandReading(now, message.p, message.q, message.engaged, message.pressed, message.time)
+        # By the page's own clock: what arrives in bunches was not moved in bunches.
+        reading = HandReading(now - delay, message.p, message.q, message.engaged, message.pressed, message.time)
         self._hand.post(reading)
         return ""
 

@@ -63,13 +63,14 @@ class StateRows:
         state, tick_row, s, t = self._state, self._tick, self._of_state, self._of_tick
         p, q = session.controller.servo.reference
         target = (*p, *q)
+        held = -1.0 if step.held is None else self._index.get(step.held.object_name, -2.0)
         for row, at in ((state, s), (tick_row, t)):
             row[at["time"]], row[at["mode"]], row[at["status"]] = step.time, _MODE[step.mode], _STATUS[command.status]
             row[at["q"]], row[at["q_measured"]] = command.q, measured.q
             row[at["opening"]], row[at["opening_measured"]] = step.opening, measured.opening
             row[at["target"]], row[at["error"]] = target, command.error
             row[at["elapsed"]], row[at["arrival"]] = tick.elapsed, hand[0]
-            row[at["engaged"]] = hand[_HAND["engaged"]]
+            row[at["engaged"]], row[at["held"]] = hand[_HAND["engaged"]], held
         state[s["ticks"]] = session.ticks
         tick_row[t["tick"]] = session.ticks
         tick_row[t["v"]], tick_row[t["a"]], tick_row[t["v_measured"]] = command.v, command.a, measured.v
@@ -92,6 +93,16 @@ class StateRows:
         """Forget what was shown last: time begins again."""
         self._ranking, self._ranked = None, -np.inf
 
+    @property
+    def objects(self) -> Array:
+        """Poses of the objects at the newest tick (K, 7)."""
+        return self._state[self._of_state["objects"]].reshape(-1, POSE)
+
+    def observed(self, count: int, poses: Array, q: Array) -> None:
+        """Put in what the grasps in use follow from."""
+        row, at = self._tick, self._of_tick
+        row[at["observations"]], row[at["seen"]], row[at["seen_q"]] = count, poses.ravel(), q
+
     def tick_row(self, clock: float, schedule: Schedule, settings: Array) -> Array:
         """Return the row for the recorder."""
         row, at = self._tick, self._of_tick
@@ -99,11 +110,11 @@ class StateRows:
         row[at["settings"]] = settings
         return row
 
-    def state_row(self, schedule: Schedule, worst_late: float, restarts: int) -> Array:
+    def state_row(self, schedule: Schedule, worst_late: float, settings: Array) -> Array:
         """Return the row for the page."""
         row, at = self._state, self._of_state
         row[at["late"]], row[at["worst_late"]], row[at["lost"]] = schedule.late, worst_late, schedule.lost
-        row[at["late_ticks"]], row[at["restarts"]] = schedule.late_ticks, restarts
+        row[at["late_ticks"]], row[at["settings"]] = schedule.late_ticks, settings
         return row
 
     def _take_sample(self, tick: Tick) -> None:

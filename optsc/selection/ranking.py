@@ -37,7 +37,7 @@ class Target(NamedTuple):
             symmetry).
         X_WG, X_WP: tool poses at the grasp and at the pre-grasp.
         q, q_pregrasp: configurations (n,) found there [rad].
-        opening: distance between the pads when they hold the object [m].
+        opening: distance between the pads when they hold the object [m]; NaN where that is not known.
         manipulability: the measure at ``q``.
     """
 

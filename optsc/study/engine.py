@@ -117,7 +117,10 @@ def execute_physically(setup: EpisodeSetup, person: OperatorSpec, condition: Con
                 began = began or tick.mode is Mode.APPROACH
                 ended = ending(tick.step, False) if began else ""
 
-        session.run(setup.settings.longest + LONGEST_MOTION, sink)
+        end, controller = setup.settings.longest + LONGEST_MOTION, session.controller
+        # Up to the end of the first automatic motion: what the operator tries after it does not count.
+        while controller.time < end and not controller.finished and not (began and not controller.mode.automatic):
+            sink(session.tick())
     return Executed(recorder, ended or TIME_IS_UP, is_lifted(heights, setup.settings.rate))
 
 

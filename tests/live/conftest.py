@@ -13,7 +13,7 @@ from optsc.live.scene import LiveScene, SceneChoice
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PATIENCE = 90.0
+PATIENCE = 60.0
 """How long anything may take on a machine that does other things too [s]; nothing is asserted about time."""
 SCENE = SceneChoice(follower="ideal", timeout=2.0)
 
@@ -88,8 +88,11 @@ class Page:
 
 
 @contextmanager
-def opened(browser, address, ready=True, **options):
+def opened(browser, address, ready=True, wear=None, **options):
+    """Open a page; ``wear`` is a script that runs in it before its own."""
     context = browser.new_context(viewport={"width": 960, "height": 640}, **options)
+    if wear is not None:
+        context.add_init_script(wear)
     page = Page(context.new_page())
     try:
         page.page.goto(address)
@@ -112,4 +115,4 @@ def page(browser, session):
 def begin_again(page):
     count = page.ask("optsc.panel.values.restarts")
     page.page.click("[data-action=AGAIN]")
-    page.wait_for(f"optsc.moment.one('restarts') > {count} && optsc.moment.mode === 'hold'")
+    page.wait_for(f"optsc.moment.settings.restarts > {count} && optsc.moment.mode === 'hold'")

@@ -131,6 +131,8 @@ def test_the_page_of_a_run_plays_from_a_file_and_asks_for_nothing(run, browser, 
         for end in ("end", "begin"):
             page.ask(f"optsc.player.seek(optsc.player.{end})")
             assert page.ask(f"optsc.moment.at === optsc.player.{end}")
+        page.ask("optsc.player.seek(optsc.player.end)")
+        assert page.page.input_value("#set-scale") == "0.5"
         page.ask("optsc.player.play(true)")
         page.wait_for("optsc.player.time > optsc.player.begin + 0.2")
     assert [url for url in requests if not url.startswith(("data:", "file:"))] == []

@@ -40,7 +40,7 @@ def plain_run(engine, condition):
     return run(
         stage.controller(condition),
         operator=engine.person.operator(stage.scene.goal, stage.scene.objects),
-        follower=IdealFollower(stage.robot, stage.world.X_WO),
+        follower=IdealFollower(stage.robot, stage.world.X_WO, stage.candidates),
         candidates=stage.candidates,
         clear=stage.clear,
         rate=SETTINGS.rate,

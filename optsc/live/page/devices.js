@@ -13,7 +13,7 @@ const AXES = {
   KeyW: [0, 1], KeyS: [0, -1], KeyD: [1, 1], KeyA: [1, -1], KeyE: [2, 1], KeyQ: [2, -1],
   KeyI: [3, -1], KeyK: [3, 1], KeyL: [4, 1], KeyJ: [4, -1], KeyO: [5, 1], KeyU: [5, -1],
 };
-export const PAD_BUTTONS = { 0: "TRIGGER", 1: "CANCEL", 2: "NEXT", 3: "RELEASE", 9: "CONFIRM", 8: "VETO" };
+export const PAD_BUTTONS = { 0: "TRIGGER", 1: "CANCEL", 2: "NEXT", 3: "RELEASE", 9: "CONFIRM", 8: "VETO", 5: "PLACE" };
 
 // Moves the goal of a hand by pushes (forward, right, up; pitch, yaw, roll), each -1 to 1.
 class Pusher {

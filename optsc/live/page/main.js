@@ -10,6 +10,11 @@ import { Socket, embedded } from "optsc/stream";
 import { View } from "optsc/view";
 import { Headset } from "optsc/xr";
 
+// What the jaws meet is felt; by the words of optsc/control/modes.py.
+const CONTACTS = [
+  "the jaws hold the object", "the jaws have closed on nothing", "something wider than the grasp has stopped the jaws",
+  "what the jaws hold slips", "what the jaws hold stands on something",
+];
 const light = new URLSearchParams(location.search).has("light");
 const canvas = document.getElementById("canvas");
 const view = new View(canvas, light);
@@ -33,6 +38,7 @@ function replay() {
   const player = new Player(document.getElementById("player"), recorded.moments, (moment) => {
     newest = moment;
     view.show(moment);
+    panel.settings(moment.settings);
     panel.show(moment, nobody);
     plots.show(moment);
   });
@@ -81,7 +87,7 @@ function live() {
   function feel(moment) {
     const event = moment.scene.events[moment.one("event")];
     if (mode !== null && moment.mode !== mode) pulse(moment.mode === "hold" ? 1 : 0.5, moment.mode === "hold" ? 160 : 60);
-    if (events !== null && moment.one("events") !== events && event === "the jaws have come to rest") pulse(1, 120);
+    if (events !== null && moment.one("events") !== events && CONTACTS.includes(event)) pulse(1, 120);
     mode = moment.mode;
     events = moment.one("events");
   }

@@ -30,6 +30,9 @@ const WORDS = {
   close: ["Jaws close", "automatic"],
   lift: ["Robot lifts the {object}", "automatic"],
   carry: ["The {object} is lifted", "done"],
+  place: ["Robot puts the {object} down", "automatic"],
+  release: ["Jaws open", "automatic"],
+  retreat: ["Robot moves back", "automatic"],
 };
 
 const $ = (id) => document.getElementById(id);
@@ -137,8 +140,8 @@ export class Panel {
   }
 
   show(moment, hand) {
-    const object = moment.name("target_object") || moment.name("intended") || "object";
-    const [words, kind] = WORDS[moment.mode];
+    const object = moment.name("held") || moment.name("target_object") || moment.name("intended") || "object";
+    const [words, kind] = WORDS[moment.mode] || [moment.mode, "automatic"];
     let title = words.replace("{object}", object);
     let colour = kind;
     let reason = this.lasting(moment);
@@ -177,12 +180,15 @@ export class Panel {
       NEXT: mode === "approach" || mode === "adjust",
       CONFIRM: mode === "adjust" || mode === "approach",
       VETO: mode === "manual" || mode === "approach" || mode === "adjust",
+      RELEASE: moment.one("held") !== -1,
+      PLACE: moment.one("held") !== -1 && mode !== "place",
       AGAIN: true,
     };
     for (const [name, button] of Object.entries(this.buttons)) {
       button.disabled = !this.drives || can[name] === false;
     }
-    const text = moment.automatic ? "Take over" : mode === "hold" ? "Begin" : "Grasp";
+    const full = moment.one("held") !== -1;
+    const text = moment.automatic ? "Take over" : mode === "hold" ? "Begin" : full ? "Put down" : "Grasp";
     this.buttons.TRIGGER.firstElementChild.textContent = text;
     this.buttons.CANCEL.firstElementChild.textContent = "Stop";
   }
@@ -206,8 +212,12 @@ function coach(moment, hand, object) {
   if (moment.mode === "hold") return "Take the orange ball and drag it, or hold W A S D";
   if (moment.mode === "manual") {
     if (!hand.everMoved) return "Drag the ball towards an object: a ghost shows how the robot would grasp it";
+    if (moment.one("held") !== -1) return "Press space or P: the robot puts it down here; R lets it go";
     return `Press space: the robot grasps the ${object}`;
   }
-  if (moment.mode === "carry") return "Take the ball to carry it on; press Begin again for the next one";
+  if (moment.mode === "carry") return "Take the ball to carry it elsewhere; P puts it down";
+  if (moment.mode === "place" || moment.mode === "release" || moment.mode === "retreat") {
+    return "Take the ball at any moment to lead yourself";
+  }
   return "Take the ball at any moment to lead yourself; N takes another grasp";
 }

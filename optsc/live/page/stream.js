@@ -39,6 +39,13 @@ export class Moment {
     return this.mode !== "hold" && this.mode !== "manual";
   }
 
+  // The settings in force, by name.
+  get settings() {
+    const values = this.of("settings");
+    const all = Object.fromEntries(Object.keys(this.scene.settings).map((name, k) => [name, values[k]]));
+    return { ...all, rule: this.scene.rules[all.rule] };
+  }
+
   name(column) {
     const index = this.one(column);
     return index >= 0 ? this.scene.objects[index].name : null;

@@ -206,8 +206,9 @@ export class View {
     const goal = moment.automatic ? moment.one("target_object") : moment.one("intended");
     const path = moment.of("path");
     this.ghosts.forEach((ghost, k) => {
-      ghost.visible = !Number.isNaN(shown[7 * k]) && (!moment.automatic || k === goal) && moment.mode !== "carry" &&
-        moment.mode !== "lift" && moment.mode !== "close";
+      const ahead = ["approach", "adjust", "advance"].includes(moment.mode) && k === goal;
+      const offered = !moment.automatic && moment.one("held") === -1;
+      ghost.visible = !Number.isNaN(shown[7 * k]) && (ahead || offered);
       if (!ghost.visible) return;
       if (moment.automatic) place(ghost, path, 7);
       else place(ghost, shown, 7 * k);
@@ -222,7 +223,7 @@ export class View {
 
   showRanks(moment) {
     const ranks = moment.of("ranks");
-    const visible = this.showCandidates && !moment.automatic;
+    const visible = this.showCandidates && !moment.automatic && moment.one("held") === -1;
     this.candidates.visible = visible;
     if (!visible) return;
     const intended = moment.one("intended");
@@ -251,7 +252,7 @@ export class View {
   showPath(moment) {
     const path = moment.of("path");
     const visible = !Number.isNaN(path[0]) && (moment.mode === "approach" || moment.mode === "adjust" ||
-      moment.mode === "advance" || !moment.automatic);
+      moment.mode === "advance" || (!moment.automatic && moment.one("held") === -1));
     this.path.visible = visible;
     if (!visible) return;
     const target = moment.of("target");

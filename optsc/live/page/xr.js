@@ -97,7 +97,8 @@ export class Headset {
   }
 
   lead(source, pose, squeeze) {
-    const tracked = Boolean(pose) && !pose.emulatedPosition;
+    // A position that is guessed now and was measured when it took hold means that tracking is lost.
+    const tracked = Boolean(pose) && !(pose.emulatedPosition && this.holding === source && !this.guessed);
     const { position, turn } = tracked ? this.inWorld(pose) : {};
     const jumped = tracked && this.seen && this.seen.distanceTo(position) > JUMP;
     if (this.holding === source && (!tracked || jumped || squeeze < LET_GO)) {
@@ -107,6 +108,7 @@ export class Headset {
     if (!tracked) return;
     if (this.holding === null && squeeze > HOLD && this.hand.takeHold("xr")) {
       this.holding = source;
+      this.guessed = Boolean(pose.emulatedPosition);
       // The hand begins at the tool, and moves as the controller does from here.
       this.from = { position: position.clone(), turn: turn.clone() };
       this.at = { position: this.hand.position.clone(), turn: this.hand.turn.clone() };
