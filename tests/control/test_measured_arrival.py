@@ -46,7 +46,7 @@ def test_an_arm_that_is_off_its_command_does_not_close_its_jaws(name, size):
     assert Mode.HOLD in [step.mode for step in loop.steps[200:]]
     assert not {"advance", "close", "lift"} & set(modes(loop.steps))
     assert all(step.opening > 0.0 for step in loop.steps)
-    (reason,) = [step.reason for step in loop.steps if "stuck on the path" in step.reason]
+    reason = next(step.reason for step in loop.steps if "stuck on the path" in step.reason)
     target = next(step.target for step in loop.steps if step.mode is Mode.APPROACH)
     there = robot.forward(loop.steps[-1].command.q + off).translation
     stated = float(reason.split("is measured ")[1].split(" mm")[0])
