@@ -58,7 +58,8 @@ def test_what_was_put_down_stands_at_the_height_where_it_stood_and_what_is_held_
     world, controller, follower, ticks = session
     objects = follower.objects()
     for name in NAMES[:2]:
-        assert objects[name].translation[2] == pytest.approx(world.X_WO[name].translation[2], abs=2e-3)
+        # The tool is as high as it was; a hand that has turned it by a degree or two has the object a little off.
+        assert objects[name].translation[2] == pytest.approx(world.X_WO[name].translation[2], abs=8e-3)
     assert objects["mug"].translation[2] > 0.14
     assert controller.state.held.object_name == "mug"
     assert np.linalg.norm((objects["can"].translation - world.X_WO["can"].translation)[:2]) > 0.03
