@@ -12,7 +12,7 @@ from optsc.control.modes import Mode
 from optsc.control.status import Status
 from optsc.errors import InvalidValue, UnknownName
 from optsc.study.faults.arms import ARMS, FOREIGN, arm
-from optsc.study.faults.bench import MODES, Case, CaseResult, FaultTest, bench, seed_of
+from optsc.study.faults.bench import MODES, Case, CaseResult, FaultTest, Worlds, bench, outcome, seed_of
 from optsc.study.faults.catalogue import FAULTS, chosen
 from optsc.study.faults.check import problems
 from optsc.study.faults.fault import (
@@ -224,3 +224,25 @@ def test_the_page_of_faults_is_the_one_that_the_command_writes(tmp_path):
     page = tmp_path / "faults.md"
     assert main(["bench", "faults", "--page", str(page)]) == 0
     assert page.read_text() == (Path(__file__).parents[2] / "docs" / "faults.md").read_text()
+
+
+def sampled(per_kind=3, modes=2):
+    """Draw some faults of every kind, and the modes to do each in."""
+    rng = np.random.default_rng(0)
+    for kind in KINDS:
+        names = [name for name, fault in FAULTS.items() if fault.kind == kind]
+        for name in sorted(rng.choice(names, min(per_kind, len(names)), replace=False)):
+            possible = [mode.value for mode in FAULTS[name].modes if mode.value in MODES]
+            for mode in sorted(rng.choice(possible, min(modes, len(possible)), replace=False)):
+                yield str(name), str(mode)
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    return Worlds(250.0)
+
+
+@pytest.mark.parametrize(("name", "mode"), list(sampled()))
+def test_a_fault_is_answered_as_it_was_written_down_beforehand(worlds, name, mode):
+    found = outcome(worlds, Case("panda", mode, name, 0, 250.0))
+    assert found.problems == (), found.case.command

@@ -24,6 +24,7 @@ class ArmState(NamedTuple):
         braked: whether it stays where it is, whatever it is commanded.
         sag: by how much each joint is off its command (n,) [rad].
         jaws_stuck: whether the jaws stay as they are.
+        let_go: whether it moves to where it is commanded to be, after its brakes were let go of there on purpose.
         jump: the largest step of a joint in one period so far, in periods at its greatest speed.
     """
 
@@ -32,6 +33,7 @@ class ArmState(NamedTuple):
     braked: bool
     sag: Array
     jaws_stuck: bool = False
+    let_go: bool = False
     jump: float = 0.0
 
 
@@ -59,13 +61,17 @@ class ArmWithJaws:
         command = checked_command(self.robot, q, v, opening, period)
         now = self.now
         at, speed = (now.state.q, 0.0 * command.v) if now.braked else (command.q + now.sag, command.v)
-        jump = float(np.max(np.abs(at - now.state.q) / (self.robot.limits.velocity * period)))
+        most = self.robot.limits.velocity * period
+        if now.let_go:
+            at = np.clip(at, now.state.q - most, now.state.q + most)
+        jump = float(np.max(np.abs(at - now.state.q) / most))
         step = 0.0 if now.jaws_stuck else JAW_SPEED * period
         jaws = min(max(command.opening, now.state.opening - step), now.state.opening + step)
         if 0.0 < now.width <= now.state.opening + 1e-12:
             jaws = max(jaws, now.width)
         state = FollowerState(now.state.time + period, at, speed, jaws)
-        self.now = now._replace(state=state, jump=max(now.jump, jump))
+        let_go = now.let_go and bool(np.any(at != command.q + now.sag))
+        self.now = now._replace(state=state, jump=max(now.jump, jump), let_go=let_go)
 
     def move(self, offset: ArrayLike) -> None:
         """Put the joints elsewhere by ``offset`` (n,) [rad], as somebody does who pushes a braked arm."""

@@ -7,6 +7,7 @@ from math import pi
 
 from optsc.errors import UnknownName
 from optsc.robot import PANDA_HAND, ROBOT_NAMES, RobotModel, load_robot, urdf
+from optsc.robot.description import read_description
 
 FOREIGN = "j2s6s200"
 """Kinova's six-jointed Jaco of the example descriptions: three of its joints turn endlessly, all are slow."""
@@ -26,11 +27,9 @@ def arm(name: str) -> RobotModel:
 
 
 def _jaco() -> RobotModel:
-    share = urdf.example_robot_data()
     folder = urdf.example_robot_data("example-robot-data", "robots")
-    panda = folder / "panda_description" / "urdf" / "panda.urdf"
-    kinova = folder / "kinova_description" / "robots" / "kinova.urdf"
-    hand = urdf.subtree(urdf.with_absolute_meshes(urdf.read_urdf(panda), panda.parent, share), "panda_hand")
-    root = urdf.with_absolute_meshes(urdf.read_urdf(kinova), kinova.parent, share)
+    panda = read_description(folder / "panda_description" / "urdf" / "panda.urdf").root
+    root = read_description(folder / "kinova_description" / "robots" / "kinova.urdf").root
+    hand = urdf.subtree(panda, "panda_hand")
     root = urdf.attach(root, "j2s6s200_link_6", hand, xyz=(0.0, 0.0, -0.06), rpy=(pi, 0.0, 0.0))
     return load_robot(urdf.store(root, FOREIGN), "panda_hand_tcp", gripper=PANDA_HAND, home=_FOREIGN_HOME)

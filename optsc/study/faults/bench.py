@@ -19,6 +19,7 @@ from optsc.study.faults.catalogue import FAULTS
 from optsc.study.faults.check import problems
 from optsc.study.faults.fault import KINDS, Fault
 from optsc.study.faults.run import run
+from optsc.study.faults.session_faults import session_problems
 from optsc.study.faults.world import World
 
 MODES = tuple(mode.value for mode in world.MODES)
@@ -127,8 +128,10 @@ def outcome(worlds: Worlds, case: Case) -> CaseResult:
     """Return what comes of a case: a pure function of the case."""
     fault, mode = FAULTS[case.fault], Mode(case.mode)
     here = worlds.of(case.arm, fault)
-    record = run(here, mode, fault, seed_of(case))
-    found = problems(here.robot, here.period, record)
+    if fault.kind == "session":
+        found = session_problems(here, mode, fault, seed_of(case))
+    else:
+        found = problems(here.robot, here.period, run(here, mode, fault, seed_of(case)))
     return CaseResult(case, fault.kind, fault.expected.of(mode).words, tuple(found))
 
 

@@ -13,12 +13,13 @@ from optsc.study.faults import (
     part_faults,
     reading_faults,
     sample_faults,
+    session_faults,
 )
 from optsc.study.faults.fault import KINDS, Fault
 
 
 def _all() -> Mapping[str, Fault]:
-    rooms = (clock_faults, sample_faults, reading_faults, operator_faults, part_faults, call_faults)
+    rooms = (clock_faults, sample_faults, reading_faults, operator_faults, part_faults, call_faults, session_faults)
     return MappingProxyType({fault.name: fault for room in rooms for fault in room.faults()})
 
 

@@ -20,7 +20,6 @@ from optsc.shaping.time_law import PathPoint
 from optsc.study.faults.fault import (
     FROM_THEN_ON,
     ONCE,
-    Answer,
     Expected,
     Fault,
     Hook,
@@ -304,7 +303,7 @@ class _WrongLaw:
 
 
 def _law(replacement: type) -> Inject:
-    """Let the next path have no time law, and begin one: at the hand-over, or with another grasp."""
+    """Let the next path have no time law, and begin one: at the hand-over, or at the pre-grasp."""
 
     def inject(world: World, _: np.random.Generator) -> Injection:
         patched = patch("optsc.control.approach.TimeLaw", replacement)
@@ -312,8 +311,7 @@ def _law(replacement: type) -> Inject:
         def hand(elapsed: float, sample: OperatorSample) -> OperatorSample:
             pressed = 0.3 < elapsed < 0.4
             if world.controller.mode.automatic:
-                buttons = frozenset({Button.NEXT, Button.CONFIRM}) if pressed else frozenset()
-                return sample._replace(buttons=buttons)
+                return sample._replace(buttons=frozenset({Button.CONFIRM}) if pressed else frozenset())
             return sample._replace(trigger=0.6 < elapsed < 0.7)
 
         def start(_: World) -> None:
@@ -328,8 +326,8 @@ def _law(replacement: type) -> Inject:
 
 
 def _time_law_faults() -> Iterator[Fault]:
-    begun: dict[Mode, Answer] = {mode: is_safe() for mode in (Mode.LIFT, Mode.CARRY)}
-    expected = Expected(holds(), holds(), is_safe(), {**begun, Mode.APPROACH: holds(), Mode.ADJUST: holds()})
+    # Elsewhere no path may begin within the time.
+    expected = Expected(holds(), holds(), is_safe(), {Mode.ADJUST: holds()})
     for name, law in (("fails", _NoLaw), ("is no number", _WrongLaw)):
         yield Fault(f"the time law {name}", "time law", FROM_THEN_ON, _law(law), expected, recouples=True)
 

@@ -147,7 +147,8 @@ def pushed(low: float, high: float) -> Inject:
 def _braked(_: World, __: np.random.Generator) -> Injection:
     """The arm stands, wherever it is commanded."""
     return Injection(
-        start=lambda world: world.arm.change(braked=True), end=lambda world: world.arm.change(braked=False)
+        start=lambda world: world.arm.change(braked=True),
+        end=lambda world: world.arm.change(braked=False, let_go=True),
     )
 
 

@@ -169,7 +169,7 @@ class _Run:
         world.restore(mode)
         self.operator = _Operator(world, mode, self.rng)
         self.injection: Injection = fault.inject(world, self.rng)
-        self.every = int(self.rng.integers(1, 5))
+        self.every = 1 if fault.quick else int(self.rng.integers(1, 5))
         self.record = Record(fault, mode, np.column_stack(world.controller.servo.guard.state))
         self.clock = world.controller.time
         """The true time [s], which a device's clock and the loop's tell where nothing is wrong."""
@@ -231,10 +231,12 @@ class _Run:
         self.world.hooks.set({name: first(hook) for name, hook in parts.items()})
 
     def _sample(self, made: OperatorSample, elapsed: float, on: bool) -> Any:
+        if self.number % self.every:
+            return None
         sample: Any = made._replace(stamp=self.clock)
-        if on and self.injection.hand is not None and (self.fault.lasts > 0.0 or not self.used):
+        if on and self.injection.hand is not None and self.once():
             sample = self.injection.hand(elapsed, sample)
-        if sample is None or self.number % self.every:
+        if sample is None:
             return None
         if on and self.injection.sample is not None and self.once():
             sample = self.injection.sample(elapsed, sample)
