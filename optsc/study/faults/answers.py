@@ -60,16 +60,19 @@ def answered(robot: RobotModel, record: Record) -> Iterator[str]:
 
 
 def _goes_on(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answer) -> Iterator[str]:
-    by_hand = record.mode in (Mode.HOLD, Mode.MANUAL)
+    by_hand, before = record.mode in (Mode.HOLD, Mode.MANUAL), record.mode
     for row in rows:
         step = row.step
         left = record.mode is not Mode.HOLD or row.time > ENGAGES + 0.1
         if step is not None and left and step.mode is Mode.HOLD:
             yield f"does not go on: holds at {row.time:.3f} s, {step.reason or 'without a reason'}"
             return
-        if step is not None and not by_hand and step.mode is Mode.MANUAL:
-            yield f"does not go on: manual at {row.time:.3f} s, {step.reason or 'without a reason'}"
+        if step is not None and step.mode is Mode.MANUAL and not by_hand:
+            # The robot is done after it has let go of something and moved back.
+            if before is not Mode.RETREAT:
+                yield f"does not go on: manual at {row.time:.3f} s, {step.reason or 'without a reason'}"
             return
+        before = before if step is None else step.mode
     if answer.within is None or not by_hand:
         return
     errors = [tool_error(robot, row, row.X_WT)[0] for row in rows if row.X_WT is not None]

@@ -51,6 +51,9 @@ AFTER: Mapping[Mode, float] = {
     Mode.CLOSE: 0.1,
     Mode.LIFT: 0.3,
     Mode.CARRY: 0.2,
+    Mode.PLACE: 0.3,
+    Mode.RELEASE: 0.1,
+    Mode.RETREAT: 0.2,
 }
 """How long after a mode has begun its snapshot is taken [s]."""
 MODES = tuple(AFTER)
@@ -179,6 +182,9 @@ class _Drive:
         found[Mode.ADJUST] = self._after(Mode.ADJUST)
         self._ticks(self.world.period, buttons=frozenset({Button.CONFIRM}))
         for mode in (Mode.ADVANCE, Mode.CLOSE, Mode.LIFT, Mode.CARRY):
+            found[mode] = self._after(mode)
+        self._ticks(self.world.period, buttons=frozenset({Button.PLACE}))
+        for mode in (Mode.PLACE, Mode.RELEASE, Mode.RETREAT):
             found[mode] = self._after(mode)
         return found
 
