@@ -19,12 +19,12 @@ AT_REST = 1e-6
 """Joint speed [rad/s] below which an arm has come to rest."""
 
 
-def tool_error(robot: RobotModel, row: RunRow, X_WT: Pose) -> tuple[float, float]:
-    """Return distance [m] and angle [rad] of the tool to where the hand leads it.
+def tool_error(robot: RobotModel, row: RunRow, X_WT: Pose, q: Array | None = None) -> tuple[float, float]:
+    """Return distance [m] and angle [rad] of the tool, at ``q`` (n,) or where the arm is, to where the hand leads it.
 
     Who takes over leads the tool on as it is, or to the orientation of the hand; both are right.
     """
-    at = robot.forward(row.q)
+    at = robot.forward(row.q if q is None else q)
     angles = [angle_between(at.quaternion, q) for q in (X_WT.quaternion, row.hand_q)]
     return float(np.linalg.norm(at.translation - X_WT.translation)), min(angles)
 
@@ -90,7 +90,7 @@ def _rests(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answer
 
 
 def _holds(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answer) -> Iterator[str]:
-    yield from _at_rest(rows, (Mode.HOLD,))
+    yield from _at_rest(rows, (Mode.HOLD,), answer.led)
     yield from _says(rows[-1].step, answer)
 
 
@@ -114,7 +114,7 @@ def _is_safe(robot: RobotModel, record: Record, rows: list[RunRow], answer: Answ
         yield "holds without a reason"
 
 
-def _at_rest(rows: list[RunRow], modes: tuple[Mode, ...]) -> Iterator[str]:
+def _at_rest(rows: list[RunRow], modes: tuple[Mode, ...], led: bool = False) -> Iterator[str]:
     step = rows[-1].step
     if step is None:
         return
@@ -122,7 +122,7 @@ def _at_rest(rows: list[RunRow], modes: tuple[Mode, ...]) -> Iterator[str]:
         yield f"is in {step.mode.value}, not in {' or '.join(mode.value for mode in modes)}"
     elif not step.reason:
         yield f"is at rest in {step.mode.value} without a reason"
-    if np.abs(step.command.v).max() > AT_REST:
+    if np.abs(step.command.v).max() > AT_REST and not led:
         yield f"has not come to rest: {np.abs(step.command.v).max():.3g} rad/s"
 
 

@@ -80,7 +80,8 @@ def untruths(robot: RobotModel, rows: list[RunRow]) -> Iterator[str]:
         if step is None or row.X_WT is None or row.resting < SETTLED or step.mode is not Mode.MANUAL:
             continue
         if step.command.status is Status.FOLLOWING and np.abs(step.command.v).max() < AT_REST:
-            distance, angle = tool_error(robot, row, row.X_WT)
+            # A status is about the command; that the arm is elsewhere is told by its tracking error.
+            distance, angle = tool_error(robot, row, row.X_WT, step.command.q)
             if distance > NEAR[0] or angle > NEAR[1]:
                 yield (
                     f"following at rest, {1e3 * distance:.1f} mm and {1e3 * angle:.0f} mrad off the target "

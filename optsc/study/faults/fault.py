@@ -79,6 +79,7 @@ class Answer(NamedTuple):
         moving: the same while the hand moves [m].
         turning: how far the tool may turn from the orientation that the hand leads it to [rad].
         never: modes that it must not come to.
+        led: whether the command may still be on its way to where the arm is.
     """
 
     name: str
@@ -87,6 +88,7 @@ class Answer(NamedTuple):
     moving: float = inf
     turning: float = inf
     never: tuple[Mode, ...] = ()
+    led: bool = False
 
     @property
     def words(self) -> str:
@@ -98,6 +100,8 @@ class Answer(NamedTuple):
             text += f", within {1e3 * self.within:g} mm of the hand"
         if self.turning < inf:
             text += f", turned by {self.turning:g} rad at most"
+        if self.led:
+            text += ", led to where the arm is"
         if self.never:
             text += ", never " + ", ".join(mode.value for mode in self.never)
         return text
@@ -116,6 +120,11 @@ def rests() -> Answer:
 def holds(*says: str) -> Answer:
     """The mode is hold, the arm is at rest, and the reason can be read as long as that lasts."""
     return Answer("holds", says)
+
+
+def holds_led(*says: str) -> Answer:
+    """The same, but the command may be on its way to where the arm is measured to be."""
+    return Answer("holds", says, led=True)
 
 
 def stays_in_hold(*says: str) -> Answer:

@@ -142,7 +142,9 @@ HUGE: dict[str, Hook] = {
     "turns the hand around": answers(Blend(-np.eye(6), np.zeros(6), -1.0)),
     "answers at random": lambda _, __: Blend(np.random.default_rng(5).normal(size=(6, 6)), np.ones(6), 0.5),
 }
-BY_POLICY = Expected(holds("Error", "blend", "policy", "user-defined"), holds(), goes_on())
+_BY_HAND_AT_LAST = dict.fromkeys((Mode.RELEASE, Mode.RETREAT), is_safe())
+"""After these the operator leads the arm again."""
+BY_POLICY = Expected(holds("Error", "blend", "policy", "user-defined"), holds(), goes_on(), _BY_HAND_AT_LAST)
 
 
 def _policy_faults() -> Iterator[Fault]:
@@ -214,7 +216,7 @@ ODD_MASKS: dict[str, Hook] = {
     "lets none pass": alters(np.zeros_like),
     "answers no numbers": alters(lambda mask: np.full(mask.shape, NAN)),
 }
-BY_RANKING = Expected(holds(), holds(), goes_on())
+BY_RANKING = Expected(holds(), holds(), goes_on(), _BY_HAND_AT_LAST)
 """Candidates are ranked while the hand leads the arm."""
 ASKED_RARELY = everywhere(is_safe())
 """The part may not be asked at all within the time."""
@@ -249,7 +251,7 @@ def _selection_faults() -> Iterator[Fault]:
             yield Fault(f"a {kind} {name}", "selection", FROM_THEN_ON, inject, BY_RANKING)
         for name, hook in odd.items():
             yield Fault(f"a {kind} {name}", "selection", FROM_THEN_ON, part(kind, hook=hook), everywhere(is_safe()))
-    spoils = Expected(is_safe(), is_safe(), goes_on())
+    spoils = Expected(is_safe(), is_safe(), goes_on(), _BY_HAND_AT_LAST)
     inject = part("cost", "filter", hook=_spoils_situation)
     yield Fault("a cost writes into what it is given", "selection", FROM_THEN_ON, inject, spoils)
     for name, hook in {**MASKS, "raises in its answer": answers(Raises())}.items():

@@ -20,6 +20,7 @@ from optsc.study.faults.fault import (
     goes_on,
     goes_on_everywhere,
     holds,
+    holds_led,
     is_safe,
     stays_in_hold,
 )
@@ -122,21 +123,23 @@ def _noisy(size: float) -> Inject:
 
 
 def pushed(low: float, high: float) -> Inject:
-    """A braked arm is pushed; the brakes are let go when the controller leaves hold, or at the end."""
+    """A braked arm is pushed; the brakes are let go of when the controller leaves hold."""
 
     def inject(world: World, rng: np.random.Generator) -> Injection:
         offset = rng.normal(size=world.robot.n)
         offset *= rng.uniform(low, high) / np.abs(offset).max()
         lower, upper = world.robot.limits.positions
         aim = np.clip(world.arm.now.state.q + offset, lower + 0.02, upper - 0.02)
-        home = world.controller.mode is Mode.HOLD
+        held: list[bool] = []
 
         def start(world: World) -> None:
             world.arm.change(braked=True)
             world.arm.move(aim - world.arm.now.state.q)
 
-        def tick(world: World, elapsed: float) -> None:
-            if home and world.controller.mode is not Mode.HOLD:
+        def tick(world: World, _: float) -> None:
+            if world.controller.mode is Mode.HOLD:
+                held.append(True)
+            elif held:
                 world.arm.change(braked=False)
 
         return Injection(start=start, tick=tick, end=lambda world: world.arm.change(braked=False))
@@ -188,10 +191,10 @@ def faults() -> Iterator[Fault]:
     for low, high in ((0.3, 0.5), (1.0, 3.0), (50.0, 99.0)):
         what = f"one reading off by {low:g} to {high:g} rad"
         yield Fault(what, "reading", ONCE, _off(low, high), everywhere(is_safe()), leaving=True)
-    off = Expected(is_safe(), holds(), holds())
-    yield Fault("readings jump by 0.4 to 1 rad", "reading", FROM_THEN_ON, _off(0.4, 1.0), off)
+    off = Expected(is_safe(), holds_led(), holds_led())
+    yield Fault("readings jump by 0.4 to 1 rad", "reading", FROM_THEN_ON, _off(0.4, 1.0), off, far=True)
     yield Fault("readings freeze", "reading", FROM_THEN_ON, _frozen, NOT_ARRIVED)
-    yield Fault("readings drift", "reading", FROM_THEN_ON, _drifting, off)
+    yield Fault("readings drift", "reading", FROM_THEN_ON, _drifting, off, far=True)
     yield Fault("readings 20 ms late", "reading", FROM_THEN_ON, _lagging(0.02), goes_on_everywhere())
     yield Fault("readings 0.3 s late", "reading", FROM_THEN_ON, _lagging(0.3), everywhere(is_safe()))
     yield Fault("one reading in ten is anywhere", "reading", FROM_THEN_ON, _glitches, everywhere(is_safe()))
@@ -200,10 +203,27 @@ def faults() -> Iterator[Fault]:
     in_hold = (Mode.HOLD,)
     for low, high in ((0.03, 0.07), (0.12, 0.18), (0.25, 0.29), (0.4, 0.6), (0.9, 1.1)):
         what = f"a held arm is pushed by {low:g} to {high:g} rad"
-        yield Fault(what, "reading", FROM_THEN_ON, pushed(low, high), everywhere(is_safe()), modes=in_hold, far=True)
+        yield Fault(
+            what,
+            "reading",
+            FROM_THEN_ON,
+            pushed(low, high),
+            everywhere(is_safe()),
+            modes=in_hold,
+            far=True,
+            permanent=True,
+        )
     moving = tuple(mode for mode in Mode if mode is not Mode.HOLD)
-    stopped = everywhere(holds())
-    yield Fault("the arm is stopped and pushed", "reading", 0.7, pushed(0.5, 0.8), stopped, modes=moving, far=True)
+    yield Fault(
+        "the arm is stopped and pushed",
+        "reading",
+        FROM_THEN_ON,
+        pushed(0.4, 0.6),
+        everywhere(holds_led()),
+        modes=moving,
+        far=True,
+        permanent=True,
+    )
     yield Fault("the arm stands", "reading", FROM_THEN_ON, _braked, NOT_ARRIVED, modes=moving, far=True)
     yield from _of_jaws()
 
