@@ -39,7 +39,7 @@ import numpy as np
 from optsc.checks import Checked, Each, NonNegative, Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.ik.solvers import DaqpSolver, QpSolution, QpSolver, Rows, make_solver, usable_answer
+from optsc.ik.solvers import DaqpSolver, QpSolution, QpSolver, Rows, make_solver, require_usable, usable_answer
 from optsc.kernels.interior import interior_minimum
 from optsc.kernels.kernel import build_kernel
 from optsc.kernels.pose_task import PoseTaskSettings, pose_task
@@ -210,6 +210,8 @@ class DifferentialIK:
             preferred: configuration (n,) [rad] that spare motion goes to.
             lowest, highest: bounds of the answer (n,) [rad/s].
             rows: further linear constraints on the answer.
+
+        Raises `InvalidValue` for rows that are none.
         """
         q, v, a = state
         self._q[:], self._reference[:], self._twist[:] = q, reference, twist
@@ -239,6 +241,8 @@ class DifferentialIK:
             self._interior.run()
             if self._inside[0] == 1.0 and (rows is None or rows.met(self._minimum)):
                 return QpSolution(self._minimum.copy(), True, 0)
+        if rows is not None:
+            require_usable(rows, len(lowest))
         # H is symmetric, so the column-major buffer is read as row-major without a copy.
         # Copies of the bounds: what a user's solver writes there must not become the limits that are kept.
         answer = self.solver.solve(self._H.T, self._g, lowest.copy(), highest.copy(), rows)

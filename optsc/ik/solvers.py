@@ -5,11 +5,12 @@ A solver never raises in the loop: anything but a solution comes back as a failu
 
 from __future__ import annotations
 
+from math import isfinite, isnan
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from optsc.errors import UnknownName
+from optsc.errors import InvalidValue, UnknownName
 from optsc.geometry.rotation import Array
 
 ITERATION_LIMIT = 100
@@ -79,6 +80,17 @@ def usable_answer(answer: Any, n: int, name: str) -> QpSolution:
     if type(x) is np.ndarray and x.dtype.char == "d" and x.shape == (n,) and sum(map(abs, x.tolist())) < UNBOUNDED:
         return answer
     return QpSolution(np.zeros(n), False, 0, f"{name} calls solved what is not {n} usable numbers")
+
+
+def require_usable(rows: Rows, n: int) -> None:
+    """Raise `InvalidValue` for rows that are no constraint on ``n`` variables: a solver may leave out what is NaN."""
+    matrix, lower, upper, _ = rows
+    if matrix.shape[1:] != (n,) or not lower.shape == upper.shape == matrix.shape[:1]:
+        shapes = matrix.shape, lower.shape, upper.shape
+        raise InvalidValue("shapes of the rows of avoidance", shapes, f"(m, {n}), (m,), (m,)")
+    # Sums carry what is not a number, and an infinite coefficient; a bound may be infinite.
+    if not isfinite(np.add.reduce(matrix, axis=None)) or isnan(np.add.reduce(lower)) or isnan(np.add.reduce(upper)):
+        raise InvalidValue("rows of avoidance", "not finite", "numbers")
 
 
 def solve_soft(

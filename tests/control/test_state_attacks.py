@@ -18,7 +18,7 @@ from optsc.control.status import Status
 from optsc.followers import FollowerState
 from optsc.geometry import Pose, TriangleMesh
 from optsc.ik import solver_names
-from optsc.ik.solvers import QpSolution
+from optsc.ik.solvers import QpSolution, Rows
 from optsc.operators import Button, OperatorSample
 from optsc.operators.smoothing import Smoothing
 from optsc.robot import JointLimits, load_robot
@@ -406,3 +406,17 @@ def test_what_a_policy_is_shown_of_its_last_answer_cannot_be_written_into(robot)
     for values in (last.hand, last.robot):
         with pytest.raises(ValueError, match="read-only"):
             values[...] = 1.0
+
+
+@pytest.mark.parametrize("wrong", [np.full((1, 7), np.nan), np.full((1, 7), np.inf), np.zeros((1, 6)), np.zeros(7)])
+def test_rows_of_avoidance_that_are_none_stop_the_arm_and_are_not_left_out(robot, wrong, monkeypatch):
+    avoid = CollisionAvoidance(robot, {"cube": (CUBE, Pose.from_translation([9.0, 0.0, 0.0]))})
+    servo = Servo(robot, avoid=avoid)
+    X = robot.forward(robot.home)
+    for k in range(100):
+        servo.step(Pose(X.quaternion, X.translation + [3e-4 * k, 0.0, 0.0]))
+    monkeypatch.setattr(avoid, "rows", lambda *_: Rows(wrong, np.array([-1.0]), np.array([1.0]), 10.0))
+    commands = [servo.step(X) for _ in range(100)]
+    assert {command.status for command in commands} == {Status.UNSOLVED}
+    assert all("rows of avoidance" in command.reason for command in commands)
+    np.testing.assert_allclose(commands[-1].v, 0.0, atol=1e-12)

@@ -309,10 +309,11 @@ def _law(replacement: type) -> Inject:
 
     def inject(world: World, _: np.random.Generator) -> Injection:
         patched = patch("optsc.control.approach.TimeLaw", replacement)
+        by_robot = world.controller.mode.automatic
 
         def hand(elapsed: float, sample: OperatorSample) -> OperatorSample:
             pressed = 0.3 < elapsed < 0.4
-            if world.controller.mode.automatic:
+            if by_robot:
                 return sample._replace(buttons=frozenset({Button.CONFIRM}) if pressed else frozenset())
             return sample._replace(trigger=0.6 < elapsed < 0.7)
 
