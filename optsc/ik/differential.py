@@ -39,7 +39,16 @@ import numpy as np
 from optsc.checks import Checked, Each, NonNegative, Positive, require
 from optsc.errors import InvalidValue
 from optsc.geometry.rotation import Array
-from optsc.ik.solvers import DaqpSolver, QpSolution, QpSolver, Rows, make_solver, require_usable, usable_answer
+from optsc.ik.solvers import (
+    DaqpSolver,
+    QpSolution,
+    QpSolver,
+    Rows,
+    make_solver,
+    require_numbers,
+    require_shapes,
+    usable_answer,
+)
 from optsc.kernels.interior import interior_minimum
 from optsc.kernels.kernel import build_kernel
 from optsc.kernels.pose_task import PoseTaskSettings, pose_task
@@ -235,6 +244,8 @@ class DifferentialIK:
 
     def _solution(self, lowest: Array, highest: Array, rows: Rows | None) -> QpSolution:
         """Return the solution of the program that the kernel has written."""
+        if rows is not None:
+            require_shapes(rows, len(lowest))
         if type(self.solver) is DaqpSolver:
             # Mostly nothing holds the minimum, and then no solver is needed to find it.
             self._lowest[:], self._highest[:] = lowest, highest
@@ -242,7 +253,7 @@ class DifferentialIK:
             if self._inside[0] == 1.0 and (rows is None or rows.met(self._minimum)):
                 return QpSolution(self._minimum.copy(), True, 0)
         if rows is not None:
-            require_usable(rows, len(lowest))
+            require_numbers(rows)
         # H is symmetric, so the column-major buffer is read as row-major without a copy.
         # Copies of the bounds: what a user's solver writes there must not become the limits that are kept.
         answer = self.solver.solve(self._H.T, self._g, lowest.copy(), highest.copy(), rows)

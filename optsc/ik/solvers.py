@@ -82,14 +82,19 @@ def usable_answer(answer: Any, n: int, name: str) -> QpSolution:
     return QpSolution(np.zeros(n), False, 0, f"{name} calls solved what is not {n} usable numbers")
 
 
-def require_usable(rows: Rows, n: int) -> None:
-    """Raise `InvalidValue` for rows that are no constraint on ``n`` variables: a solver may leave out what is NaN."""
+def require_shapes(rows: Rows, n: int) -> None:
+    """Raise `InvalidValue` for rows that are none on ``n`` variables."""
     matrix, lower, upper, _ = rows
     if matrix.shape[1:] != (n,) or not lower.shape == upper.shape == matrix.shape[:1]:
         shapes = matrix.shape, lower.shape, upper.shape
         raise InvalidValue("shapes of the rows of avoidance", shapes, f"(m, {n}), (m,), (m,)")
+
+
+def require_numbers(rows: Rows) -> None:
+    """Raise `InvalidValue` for rows that are no numbers: a solver may leave them out without a word."""
     # Sums carry what is not a number, and an infinite coefficient; a bound may be infinite.
-    if not isfinite(np.add.reduce(matrix, axis=None)) or isnan(np.add.reduce(lower)) or isnan(np.add.reduce(upper)):
+    sums = (float(np.add.reduce(part, axis=None)) for part in rows[:3])
+    if not isfinite(next(sums)) or any(map(isnan, sums)):
         raise InvalidValue("rows of avoidance", "not finite", "numbers")
 
 
