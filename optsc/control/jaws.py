@@ -1,4 +1,4 @@
-"""GripStatus detection: what the jaws hold, judged by their measured opening.
+"""Grip detection: what the jaws hold, judged by their measured opening.
 
 A parallel gripper that closes comes to rest on what is between its pads. Where that agrees with the width that the
 grasp says, the object is held; where the pads meet, or something wider stops them, it is not. What is held is watched
