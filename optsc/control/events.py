@@ -15,6 +15,7 @@ from optsc.control.measured_arm import tracking_error
 from optsc.control.mode_entry import ModeSettings, pose_of, released
 from optsc.control.modes import TRANSITIONS, Event, Mode
 from optsc.control.operator_input import OperatorInput
+from optsc.control.placing import can_lower
 from optsc.control.servo import Servo
 from optsc.operators import Button
 from optsc.operators.clutch import Hand
@@ -197,7 +198,7 @@ def _by_hand(parts: Parts, state: ControllerState, event: Event | None, given: O
         return asked
     grip, deciding = state.jaws.grip, state.choice.deciding
     if event is Event.TRIGGERED and grip.may_drop:
-        return Happening(state, Event.PUT_DOWN)
+        return _put_down(parts, state)
     if Button.VETO in given.pressed:
         choice, done = parts.choice.veto(state.choice, None)
         return Happening(state._replace(choice=choice._replace(deciding=None)), event, done)
@@ -231,10 +232,17 @@ def _asked_of_jaws(parts: Parts, state: ControllerState, pressed: frozenset[Butt
     if event is Event.PUT_DOWN and not jaws.grip.may_drop:
         return Happening(state, None, "the jaws hold nothing")
     if (mode, event) in TRANSITIONS:
-        return Happening(state, event)
+        return Happening(state, event) if event is Event.RELEASED else _put_down(parts, state)
     if event is Event.RELEASED and mode is Mode.MANUAL:
         return Happening(released(parts.modes, state, parts.servo), event, "the jaws open")
     return Happening(state, None, f"not in {mode.value}: the clutch or the trigger leads to manual first")
+
+
+def _put_down(parts: Parts, state: ControllerState) -> Happening:
+    modes = parts.modes
+    if can_lower(modes.place, modes.approach, parts.servo, state.jaws.at[0][2]):
+        return Happening(state, Event.PUT_DOWN)
+    return Happening(state, None, "the arm cannot lower what it holds straight down from here")
 
 
 def _grasp_here(parts: Parts, state: ControllerState) -> Happening:

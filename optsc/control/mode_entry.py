@@ -113,6 +113,8 @@ def activity_of(settings: ModeSettings, state: ControllerState, servo: Servo, ke
         (x, y, z), q = servo.reference
         return Travelling.begin(approach, servo, (x, y, z + approach.lift), q)
     if mode is Mode.PLACE:
+        if state.jaws.target is not None:
+            servo.prefer(state.jaws.target.q)
         return Lowering.begin(settings.place, approach, servo, state.jaws.at[0][2])
     if mode is Mode.RETREAT:
         p, q = servo.reference

@@ -11,7 +11,9 @@ from optsc.checks import Checked, Positive
 from optsc.control.activities import Activity, HandInput, Outcome, Travelling
 from optsc.control.approach import Approach
 from optsc.control.modes import Event
+from optsc.control.path_feasibility import can_travel
 from optsc.control.servo import Servo
+from optsc.geometry import Pose
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Lowering(NamedTuple):
     def begin(cls, settings: PlaceSettings, approach: Approach, servo: Servo, support: float) -> Lowering:
         """Return the motion from where the tool is led along; ``support`` is its height where it grasped [m]."""
         (x, y, z), q = servo.reference
-        known = z >= support - STANDS
+        known = _is_above(z, support)
         end = min(z, support) if known else z - settings.deepest
         motion = Travelling.begin(replace(approach, speed=settings.speed), servo, (x, y, end), q)
         return cls(settings, motion, known)
@@ -83,6 +85,19 @@ class Lowering(NamedTuple):
             words = f"there is nothing to put it down on within {1e3 * self.settings.deepest:.0f} mm"
             return after, outcome._replace(event=Event.UNSUPPORTED, reason=words)
         return after, outcome
+
+
+def can_lower(settings: PlaceSettings, approach: Approach, servo: Servo, support: float) -> bool:
+    """Tell whether the arm can lower the tool straight down to the height ``support`` [m], where it is above that."""
+    (x, y, z), q = servo.reference
+    if not _is_above(z, support) or z <= support:
+        return True
+    start, end = (Pose(np.array(q), np.array([x, y, height])) for height in (z, support))
+    return can_travel(servo.robot, replace(approach, speed=settings.speed), servo.guard.q.copy(), (start, end))
+
+
+def _is_above(z: float, support: float) -> bool:
+    return z >= support - STANDS
 
 
 def _above(servo: Servo, hand: HandInput) -> float | None:

@@ -39,6 +39,7 @@ class PuttingDown(NamedTuple):
         human: motor habits.
         stage, since: what is being done, and since when [s].
         movement: of the hand in this stage.
+        origin: x, y of the tool where the object was carried to by the robot [m]: from there it can be put down again.
         began: whether the robot has been seen to put it down.
         presses: how often that was asked for.
     """
@@ -49,6 +50,7 @@ class PuttingDown(NamedTuple):
     stage: PlacingStage
     since: float
     movement: Movement | None = None
+    origin: tuple[float, float] | None = None
     began: bool = False
     presses: int = 0
 
@@ -68,7 +70,8 @@ class PuttingDown(NamedTuple):
         rested = self.movement is None or time >= self.movement.end + human.reaction
         match self.stage:
             case PlacingStage.ALIGN if self.movement is None:
-                return self._replace(movement=self._alignment(time + human.reaction, view, X_SH))
+                x, y, _ = view.X_WT.translation.tolist()
+                return self._replace(movement=self._alignment(time + human.reaction, view, X_SH), origin=(x, y))
             case PlacingStage.ALIGN if rested:
                 return self._at(PlacingStage.TAKE, time)
             case PlacingStage.TAKE if waited >= human.press:
@@ -95,7 +98,8 @@ class PuttingDown(NamedTuple):
             return self
         if view.held is None or view.halted or self.presses >= _MOST_PRESSES:
             return self._at(PlacingStage.DONE, time)
-        return self._at(PlacingStage.HAND_OVER, time)._replace(began=False, presses=self.presses + 1)
+        # Where it cannot be put down it is brought back to where it came from.
+        return self._at(PlacingStage.BRING, time)._replace(place=self.origin, began=False)
 
     def _alignment(self, start: float, view: OperatorView, X_SH: Pose) -> Movement:
         R_SH = rotation.multiply(self.R_SW, view.X_WT.quaternion)

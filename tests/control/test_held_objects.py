@@ -212,6 +212,21 @@ def test_the_place_button_lowers_and_opens(robot, mode):
         assert refused.reason == "the jaws hold nothing"
 
 
+def test_where_the_arm_cannot_go_straight_down_the_object_stays_in_the_jaws_and_the_reason_says_it(robot):
+    loop = Jaws(robot, lift=0.2, carry_time=9.0).grasped()
+    # As if it had been lifted from far below the table.
+    jaws = loop.controller.state.jaws
+    (x, y, z), q = jaws.at
+    loop.controller.state = loop.controller.state._replace(jaws=jaws._replace(at=((x, y, z - 1.5), q)))
+    loop.press()
+    assert loop.controller.mode is Mode.MANUAL
+    assert "cannot lower what it holds" in loop.press().reason
+    loop.go(0.5)
+    assert loop.controller.mode is Mode.MANUAL
+    assert loop.held is not None
+    assert loop.opening == pytest.approx(WIDTH)
+
+
 def test_below_where_it_was_lifted_from_an_object_is_not_let_fall(robot):
     loop = Jaws(robot, lift=0.01, carry_time=9.0).grasped()
     loop.press()

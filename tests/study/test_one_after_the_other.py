@@ -30,7 +30,7 @@ def session():
     scene = true_scene(world, library)
     controller = controller_with(GraspSelector(robot), Approach())
     x, y, _ = world.X_WO["can"].translation
-    plan = [Intention("can", put_down=True, place=(x - 0.06, y)), Intention("box", put_down=True), Intention("mug")]
+    plan = [Intention("can", put_down=True, place=(x, y + 0.06)), Intention("box", put_down=True), Intention("mug")]
     follower = IdealFollower(robot, world.X_WO, scene.candidates)
     ticks = run(
         controller,
