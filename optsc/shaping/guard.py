@@ -65,6 +65,7 @@ class JointGuard:
         # A kernel reads while it writes, so the interval of a tick is another memory than that of the next one.
         _, self._interval_now, self._velocity, *_ = self._tick.inputs
         self._next, self._interval, self.bounds, self._outside, self._inside = self._tick.outputs
+        self._next_columns = self._next[:, 0], self._next[:, 1], self._next[:, 2]
         self.lowest, self.highest = self._interval[:, 0], self._interval[:, 1]
         """Viable velocities of the next tick (n,) [rad/s], and the `Bound` (n, 2) that closes each end."""
         for index, memory in enumerate((self.lowest, self.highest, self.bounds, self._outside)):
@@ -156,4 +157,5 @@ class JointGuard:
             self._velocity[:] = np.minimum(np.maximum(self._approach(velocity), lowest), highest)
             self._tick.run()
         self._state[:] = self._next
-        return JointState(*self._next.T.copy())
+        q, v, a = self._next_columns
+        return JointState(q.copy(), v.copy(), a.copy())
