@@ -109,7 +109,7 @@ class Assisted(NamedTuple):
         It is predicted as the servo predicts its targets.
         """
         settings = servo.settings
-        elapsed = servo.time - track.stamp + servo.period - settings.lag
+        elapsed = max(servo.time - track.stamp + servo.period - settings.lag, -settings.prediction.hindsight)
         coasting = elapsed <= settings.prediction.horizon
         p, q = prediction.predicted(track, elapsed if coasting else settings.prediction.horizon)
         last_p, last_q = self.wish or (p, q)

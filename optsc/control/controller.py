@@ -253,8 +253,9 @@ class SharedController:
 
     def _tick(self, sample: OperatorSample | None, measured: FollowerState) -> ControlStep:
         before = self.mode
-        monitor, given = self.state.monitor.read(sample)
-        if given.new:
+        steady = self.servo.state.loop.zero is not None
+        monitor, given = self.state.monitor.read(sample, self.time, steady)
+        if monitor is not self.state.monitor:
             self._set(monitor=monitor)
         modes = self._modes
         jaws, change = self.state.jaws.updated(modes.jaws, modes.open, self.servo.period, opening_of(measured))
@@ -304,7 +305,7 @@ class SharedController:
             state.opening,
             choice.ranking,
             state.target,
-            reason or stop or command.reason,
+            (reason if stop in reason else f"{stop}; {reason}" if reason else stop) or command.reason,
             choice.probabilities,
             outcome.assistance,
             state.held,

@@ -95,16 +95,18 @@ def _by_operator(parts: Parts, state: ControllerState, given: OperatorInput) -> 
     if fault:
         return Happening(state._replace(doubt=""), Event.FAULT, fault)
     event, reason = given.event, given.reason
-    silent = not given.new and state.monitor.silent(parts.servo.time, parts.servo.settings.timeout)
-    if event is None and silent and state.mode.automatic:
-        # Nobody could step in.
-        return Happening(state, Event.FAULT, "the operator's samples have stopped")
     if event is Event.FAULT:
         return Happening(state, event, reason)
+    silence = state.monitor.silence(parts.servo.time, parts.servo.settings.timeout)
+    if silence and state.mode.automatic:
+        # Nobody could step in.
+        return Happening(state, Event.FAULT, silence)
     if state.mode is Mode.HOLD:
-        return _asked_to_go_on(parts, state, given, silent)
+        return _asked_to_go_on(parts, state, given, bool(silence))
     if state.mode is Mode.MANUAL:
-        return _by_hand(parts, state, event, given)
+        found = _by_hand(parts, state, event, given)
+        told = (silence if state.monitor.clutch else "") or reason
+        return found if found.reason or not told else found._replace(reason=told)
     if event is not Event.TRIGGERED and given.pressed:
         return _by_button(parts, state, event, given.pressed)
     return Happening(state, event, reason)

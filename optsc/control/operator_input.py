@@ -1,4 +1,4 @@
-"""Operator input: one sample in, checked, and what is new in it."""
+"""Operator input: one sample in, checked, its stamp on the loop's clock, and what is new in it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ from typing import NamedTuple
 
 from optsc.control.modes import Event
 from optsc.operators import Button, OperatorSample, fault_of
+from optsc.operators.clock import ClockMapping, Refusal, number
 from optsc.operators.clutch import Hand
+from optsc.operators.input_counts import InputCounts
+
+LOST = "the operator's device says that it no longer tracks the hand"
 
 
 class OperatorInput(NamedTuple):
@@ -32,40 +36,68 @@ class OperatorInput(NamedTuple):
 
 
 NOTHING = OperatorInput()
+NO_BUTTONS: frozenset[Button] = frozenset()
 
 
 class InputMonitor(NamedTuple):
-    """The operator's last good sample, to tell what changes with the next.
+    """The operator's last usable sample, to tell what changes with the next, and what could not be used.
 
     Attributes:
-        hand: where it was; None before the first sample.
+        hand: where it was, and when on the loop's clock; None before the first sample and while the device has lost it.
         clutch: whether it was coupled to the arm.
         trigger: whether the trigger was held.
         buttons: what was held down.
-        stamp: when that was [s].
+        heard: when it arrived [s]; None before the first.
+        clock: of the device.
+        counts: samples that could not be used.
     """
 
     hand: Hand | None = None
     clutch: bool = False
     trigger: bool = False
     buttons: frozenset[Button] = frozenset()
-    stamp: float | None = None
+    heard: float | None = None
+    clock: ClockMapping = ClockMapping()
+    counts: InputCounts = InputCounts()
 
-    def silent(self, time: float, timeout: float) -> bool:
-        """Tell whether there were samples before, and none for ``timeout`` [s]."""
-        return self.stamp is not None and time - self.stamp > timeout
+    def silence(self, time: float, timeout: float) -> str:
+        """Return that there were usable samples before and none for ``timeout`` [s], in words; empty otherwise."""
+        if self.heard is None or time - self.heard <= timeout:
+            return ""
+        lately = self.counts.lately
+        return f"the operator's samples have stopped{lately and ': '}{lately}"
 
-    def read(self, sample: OperatorSample | None) -> tuple[InputMonitor, OperatorInput]:
-        """Return the monitor after a sample, and what is new in it; a sample that is refused changes nothing."""
+    def read(self, sample: OperatorSample | None, time: float, steady: bool) -> tuple[InputMonitor, OperatorInput]:
+        """Return the monitor after a sample, and what is new in it; one that cannot be used is skipped and counted.
+
+        Args:
+            sample: as it came, if one did.
+            time: now [s].
+            steady: whether that is a real clock, see `ClockMapping.read`.
+        """
         if sample is None:
             return self, NOTHING
-        fault = fault_of(sample, self.stamp)
+        fault = fault_of(sample)
         if fault:
-            return self, OperatorInput(Event.FAULT, f"operator sample refused: {fault}")
-        engaged, triggered = sample.clutch and not self.clutch, sample.trigger and not self.trigger
-        p, q = sample.X_SH.translation.tolist(), sample.X_SH.quaternion.tolist()
-        hand = Hand(tuple(p), tuple(q), float(sample.stamp))
-        buttons = frozenset(sample.buttons)  # the operator may go on writing into its own set
-        after = InputMonitor(hand, bool(sample.clutch), bool(sample.trigger), buttons, float(sample.stamp))
+            counts = self.counts.refusing(fault)
+            return self._replace(counts=counts), OperatorInput(None, f"an operator sample was refused: {fault}")
+        if sample.lost:
+            return self._replace(hand=None), OperatorInput(Event.FAULT, LOST)
+        clock, stamp, refusal = self.clock.read(sample.stamp, time, steady)
+        counts = self.counts.using() if stamp is not None else self.counts.skipping(refusal, sample.stamp)
+        if stamp is None and refusal is not Refusal.DUPLICATE:
+            return self._replace(clock=clock, counts=counts), NOTHING
+        clutch, trigger = bool(sample.clutch), bool(sample.trigger)
+        engaged, triggered = clutch and not self.clutch, trigger and not self.trigger
+        # A set of its own: the operator may go on writing into the sample's.
+        buttons = NO_BUTTONS if not sample.buttons else frozenset(b for b in sample.buttons if isinstance(b, Button))
+        pressed = buttons - self.buttons
         event = Event.TRIGGERED if triggered else Event.ENGAGED if engaged else None
-        return after, OperatorInput(event, "", True, engaged, buttons - self.buttons, self.hand, sample.nudge)
+        if stamp is None:
+            # The hand has not been seen again, which is no sign of life; what is pressed may be new all the same.
+            after = InputMonitor(self.hand, clutch, trigger, buttons, self.heard, clock, counts)
+            return after, OperatorInput(event, engaged=engaged, pressed=pressed)
+        hand = Hand(tuple(sample.X_SH.translation.tolist()), tuple(sample.X_SH.quaternion.tolist()), stamp)
+        after = InputMonitor(hand, clutch, trigger, buttons, time, clock, counts)
+        nudge = None if sample.nudge is None else tuple(number(part) for part in sample.nudge)
+        return after, OperatorInput(event, "", True, engaged, pressed, self.hand, nudge)

@@ -8,7 +8,10 @@ from math import isfinite
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from optsc.geometry import Pose
+from optsc.operators.clock import number
 
 DEVICE_UNIT_TOLERANCE = 1e-3
 """How far the norm of a device's quaternion may be from one [-].
@@ -43,7 +46,7 @@ class OperatorSample(NamedTuple):
     """One reading of the operator's hand.
 
     Attributes:
-        stamp: when the hand was there [s], on the clock of `OperatorView.time`.
+        stamp: when the hand was there [s], on the clock of `OperatorView.time` or on the device's own, which is learnt.
         X_SH: hand H in the operator's station frame S.
         clutch: True while the hand is coupled to the arm.
         trigger: in manual mode its rising edge hands over to the robot, or closes the jaws where the arbitration is
@@ -51,6 +54,7 @@ class OperatorSample(NamedTuple):
         buttons: what is held down.
         nudge: how far the grasp that the robot goes to is to be shifted since the last sample, in the gripper's own
             frame: x, y, z [m] and a rotation vector [rad]; None for not at all. For devices with buttons or a stick.
+        lost: the device says that it is gone or no longer tracks the hand; all else then means nothing.
     """
 
     stamp: float
@@ -59,6 +63,7 @@ class OperatorSample(NamedTuple):
     trigger: bool = False
     buttons: frozenset[Button] = frozenset()
     nudge: tuple[float, float, float, float, float, float] | None = None
+    lost: bool = False
 
 
 class OperatorView(NamedTuple):
@@ -104,22 +109,37 @@ class Operator(Protocol):
         ...
 
 
-def fault_of(sample: OperatorSample, previous_stamp: float | None) -> str | None:
+def fault_of(sample: object, previous_stamp: float | None = None) -> str | None:
     """Return what is wrong with ``sample``, in words, or None when it can be used.
 
-    Refused are: a stamp that is not finite or earlier than ``previous_stamp`` (None before the first sample),
-    a position that is not finite or beyond `POSITION_RANGE`, an orientation that is not finite or not of unit
-    norm within `DEVICE_UNIT_TOLERANCE`, a batch of poses, and a nudge that is not six numbers up to `LARGEST_NUDGE`. An
-    equal stamp is no fault: it is a tracker that stands still, which is a matter of the sample's age.
+    Refused are: what is no sample, or has a field of another type than it should be; a stamp that is not finite or
+    earlier than ``previous_stamp`` (None where that is of no interest), a position that is not finite or beyond
+    `POSITION_RANGE`, an orientation that is not finite or not of unit norm within `DEVICE_UNIT_TOLERANCE`, a batch of
+    poses, and a nudge that is not six numbers up to `LARGEST_NUDGE`. An equal stamp is no fault: it is a tracker that
+    stands still. Of a sample that says it is lost only that counts.
 
-    Called at every control tick: it never raises on a well-typed sample and costs about a microsecond,
-    which is why it compares plain floats instead of arrays.
+    Called at every control tick: it never raises, and costs about a microsecond, which is why it compares plain floats
+    instead of arrays.
     """
-    stamp, X_SH = sample.stamp, sample.X_SH
-    if not isfinite(stamp):
-        return f"stamp is {stamp}, not a time"
-    if previous_stamp is not None and stamp < previous_stamp:
-        return f"stamp {stamp:.6f} s is earlier than the one before, {previous_stamp:.6f} s"
+    if not isinstance(sample, OperatorSample):
+        return f"it is of type {type(sample).__name__}, not an operator sample"
+    stamp, X_SH, clutch, trigger, buttons, nudge, lost = sample
+    for name, value in (("clutch", clutch), ("trigger", trigger), ("lost", lost)):
+        if value is not True and value is not False and not isinstance(value, (int, np.bool_)):
+            return f"{name} is of type {type(value).__name__}, not a bool"
+    if lost:
+        return None
+    time = stamp if type(stamp) is float else number(stamp)
+    if not isfinite(time):
+        return f"stamp is {stamp if isinstance(stamp, float) else type(stamp).__name__}, not a time"
+    if previous_stamp is not None and time < previous_stamp:
+        return f"stamp {time:.6f} s is earlier than the one before, {previous_stamp:.6f} s"
+    if not isinstance(X_SH, Pose):
+        return f"hand pose is of type {type(X_SH).__name__}, not a pose"
+    return _pose_fault(X_SH) or _buttons_fault(buttons) or (None if nudge is None else _nudge_fault(nudge))
+
+
+def _pose_fault(X_SH: Pose) -> str | None:
     if X_SH.translation.ndim != 1:
         return f"hand pose is a batch of shape {X_SH.shape}, not one pose"
     x, y, z = X_SH.translation.tolist()
@@ -130,13 +150,22 @@ def fault_of(sample: OperatorSample, previous_stamp: float | None) -> str | None
     square = w * w + i * i + j * j + k * k
     if not (1.0 - DEVICE_UNIT_TOLERANCE) ** 2 <= square <= (1.0 + DEVICE_UNIT_TOLERANCE) ** 2:
         return f"hand orientation is ({w:.6g}, {i:.6g}, {j:.6g}, {k:.6g}), not a unit quaternion"
-    if sample.nudge is not None:
-        return _nudge_fault(sample.nudge)
     return None
 
 
-def _nudge_fault(nudge: tuple[float, ...]) -> str | None:
-    # Written so that what is not a number fails too.
-    if len(nudge) == 6 and all(abs(part) <= LARGEST_NUDGE for part in nudge):
+def _buttons_fault(buttons: object) -> str | None:
+    # What is in it and no button is a button that nobody here knows, and no fault.
+    if isinstance(buttons, (frozenset, set, list, tuple)):
         return None
-    return f"nudge is {tuple(nudge)}, not six numbers up to {LARGEST_NUDGE:g} [m, rad]"
+    return f"buttons are of type {type(buttons).__name__}, not a set"
+
+
+def _nudge_fault(nudge: object) -> str | None:
+    parts = nudge.tolist() if isinstance(nudge, np.ndarray) else nudge
+    if not isinstance(parts, (tuple, list)):
+        return f"nudge is of type {type(nudge).__name__}, not six numbers"
+    numbers = tuple(number(part) for part in parts)
+    # Written so that what is not a number fails too.
+    if len(numbers) == 6 and all(abs(part) <= LARGEST_NUDGE for part in numbers):
+        return None
+    return f"nudge is {numbers}, not six numbers up to {LARGEST_NUDGE:g} [m, rad]"

@@ -144,10 +144,12 @@ class ArbitrationContract(Contract):
                 loop.tick()
         assert_limits_hold(loop.robot, loop.steps)
 
-    def test_a_sample_that_is_not_a_number_leads_to_hold_and_only_the_operator_goes_on(self) -> None:
+    def test_a_sample_that_is_not_a_number_is_skipped_and_a_lost_hand_leads_to_hold(self) -> None:
         loop = self.led()
-        bad = OperatorSample(loop.time, Pose(np.full(4, np.nan), np.zeros(3)))
-        assert loop.tick(bad).event is Event.FAULT
+        mode = loop.controller.mode
+        loop.tick(OperatorSample(loop.time, Pose(np.full(4, np.nan), np.zeros(3))))
+        assert loop.controller.mode is mode
+        assert loop.tick(OperatorSample(loop.time, loop.hand, lost=True)).event is Event.FAULT
         loop.go(0.3)
         assert loop.controller.mode is Mode.HOLD
         assert np.abs(loop.steps[-1].command.v).max() < 1e-9

@@ -110,7 +110,7 @@ def test_a_hand_that_is_no_longer_heard_asks_for_nothing_once_its_motion_is_not_
     loop = Loop(robot, scene(), arbitration=make_policy("linear blending"))
     loop.go(0.1)
     loop.go(0.5, move=(0.0, 0.1, 0.0))
-    heard, settings = loop.controller.state.monitor.stamp, loop.controller.servo.settings
+    heard, settings = loop.controller.state.monitor.hand.stamp, loop.controller.servo.settings
     until = heard + settings.lag + settings.prediction.horizon
     silent = []
     while (step := loop.tick()).assistance is not None:

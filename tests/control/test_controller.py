@@ -202,20 +202,48 @@ def test_no_mode_change_moves_the_target(robot):
     ],
 )
 @pytest.mark.parametrize("automatic", [False, True])
-def test_a_bad_sample_holds_the_motion_with_a_reason_and_only_the_operator_goes_on(robot, bad, automatic):
+def test_one_bad_sample_is_skipped_and_bad_samples_alone_stop_the_arm_with_their_reason(robot, bad, automatic):
     rig = start(robot)
     if automatic:
         rig.press()
+    mode = rig.controller.mode
     step = rig.step(OperatorSample(rig.controller.time, bad))
-    assert step.event is Event.FAULT
+    assert step.event is None
     assert "refused" in step.reason
-    rig.go(0.5)
-    assert rig.controller.mode is Mode.HOLD
-    assert rig.steps[-1].command.status is Status.HOLDING
-    assert rig.controller.ranking is not None
+    assert rig.controller.state.monitor.counts.refused == 1
+    rig.go(0.1)
+    assert rig.controller.mode is mode
+    for _ in range(250):
+        step = rig.step(OperatorSample(rig.controller.time, bad))
+    assert rig.controller.mode is (Mode.HOLD if automatic else Mode.MANUAL)
+    assert "samples have stopped" in step.reason
+    assert "refused" in step.reason
+    assert not step.command.v.any()
+    rig.go(0.1)
+    assert rig.controller.mode is (Mode.HOLD if automatic else Mode.MANUAL)
     rig.go(0.1, clutch=False)
     rig.go(0.1)
     assert rig.controller.mode is Mode.MANUAL
+    assert_no_step(rig)
+
+
+@pytest.mark.parametrize("automatic", [False, True])
+def test_a_device_that_says_that_it_has_lost_the_hand_holds_at_once_and_the_reason_stays(robot, automatic):
+    rig = start(robot)
+    if automatic:
+        rig.press()
+    step = rig.step(OperatorSample(float("nan"), Pose(np.full(4, np.nan), np.zeros(3)), lost=True))
+    assert step.event is Event.FAULT
+    reasons = {step.reason}
+    for _ in range(250):
+        reasons.add(rig.step().reason)
+    assert rig.controller.mode is Mode.HOLD
+    assert all("no longer tracks the hand" in reason for reason in reasons)
+    rig.go(0.1, clutch=False)
+    assert rig.controller.mode is Mode.HOLD
+    rig.go(0.1)
+    assert rig.controller.mode is Mode.MANUAL
+    assert rig.steps[-1].reason == ""
     assert_no_step(rig)
 
 
