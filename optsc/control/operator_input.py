@@ -9,6 +9,7 @@ from optsc.operators import Button, OperatorSample, fault_of
 from optsc.operators.clock import ClockMapping, Refusal, number
 from optsc.operators.clutch import Hand
 from optsc.operators.input_counts import InputCounts
+from optsc.operators.sample import Nudge
 
 LOST = "the operator's device says that it no longer tracks the hand"
 
@@ -32,7 +33,7 @@ class OperatorInput(NamedTuple):
     engaged: bool = False
     pressed: frozenset[Button] = frozenset()
     moved_from: Hand | None = None
-    nudge: tuple[float, float, float, float, float, float] | None = None
+    nudge: Nudge | None = None
 
 
 NOTHING = OperatorInput()
@@ -47,7 +48,7 @@ class InputMonitor(NamedTuple):
         clutch: whether it was coupled to the arm.
         trigger: whether the trigger was held.
         buttons: what was held down.
-        heard: when it arrived [s]; None before the first.
+        arrived: when it arrived [s]; None before the first.
         clock: of the device.
         counts: samples that could not be used.
     """
@@ -56,13 +57,13 @@ class InputMonitor(NamedTuple):
     clutch: bool = False
     trigger: bool = False
     buttons: frozenset[Button] = frozenset()
-    heard: float | None = None
+    arrived: float | None = None
     clock: ClockMapping = ClockMapping()
     counts: InputCounts = InputCounts()
 
     def silence(self, time: float, timeout: float) -> str:
         """Return that there were usable samples before and none for ``timeout`` [s], in words; empty otherwise."""
-        if self.heard is None or time - self.heard <= timeout:
+        if self.arrived is None or time - self.arrived <= timeout:
             return ""
         lately = self.counts.lately
         return f"the operator's samples have stopped{lately and ': '}{lately}"
@@ -95,9 +96,15 @@ class InputMonitor(NamedTuple):
         event = Event.TRIGGERED if triggered else Event.ENGAGED if engaged else None
         if stamp is None:
             # The hand has not been seen again, which is no sign of life; what is pressed may be new all the same.
-            after = InputMonitor(self.hand, clutch, trigger, buttons, self.heard, clock, counts)
+            after = InputMonitor(self.hand, clutch, trigger, buttons, self.arrived, clock, counts)
             return after, OperatorInput(event, engaged=engaged, pressed=pressed)
         hand = Hand(tuple(sample.X_SH.translation.tolist()), tuple(sample.X_SH.quaternion.tolist()), stamp)
         after = InputMonitor(hand, clutch, trigger, buttons, time, clock, counts)
-        nudge = None if sample.nudge is None else tuple(number(part) for part in sample.nudge)
-        return after, OperatorInput(event, "", True, engaged, pressed, self.hand, nudge)
+        return after, OperatorInput(event, "", True, engaged, pressed, self.hand, _nudge(sample))
+
+
+def _nudge(sample: OperatorSample) -> Nudge | None:
+    if sample.nudge is None:
+        return None
+    x, y, z, a, b, c = (number(part) for part in sample.nudge)
+    return x, y, z, a, b, c

@@ -30,6 +30,10 @@ LARGEST_NUDGE = 1.0
 """The largest component of a nudge [m, rad] in one sample: beyond it a number is a fault, not a nudge."""
 
 
+Nudge = tuple[float, float, float, float, float, float]
+"""A small displacement: x, y, z [m] and a rotation vector [rad]."""
+
+
 class Button(Enum):
     """What an operator can ask for besides clutch and trigger; all but `NUDGE` count when they are pressed."""
 
@@ -62,7 +66,7 @@ class OperatorSample(NamedTuple):
     clutch: bool = True
     trigger: bool = False
     buttons: frozenset[Button] = frozenset()
-    nudge: tuple[float, float, float, float, float, float] | None = None
+    nudge: Nudge | None = None
     lost: bool = False
 
 

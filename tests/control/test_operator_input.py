@@ -78,7 +78,7 @@ def test_late_and_duplicate_samples_are_counted_and_change_nothing():
     late, given = monitor.read(GOOD._replace(stamp=0.99, clutch=False, trigger=True), 1.01, False)
     assert (late.counts.late, given.new, late.clutch, late.trigger) == (1, False, True, False)
     same, given = late.read(GOOD, 1.02, False)
-    assert (same.counts.duplicate, given.new, same.heard) == (1, False, 1.0)
+    assert (same.counts.duplicate, given.new, same.arrived) == (1, False, 1.0)
     assert same.silence(1.2, 0.1) == "the operator's samples have stopped: 1 late, 1 duplicate"
 
 
@@ -89,7 +89,7 @@ def test_what_is_pressed_counts_where_the_hand_was_not_seen_again():
     assert (given.event, given.new, given.pressed, given.nudge) == (Event.TRIGGERED, False, {Button.NEXT}, None)
     assert pressed.read(again, 1.02, False)[1] == OperatorInput()
     released, _ = pressed.read(GOOD._replace(clutch=False), 1.03, False)
-    assert (released.clutch, released.hand, released.heard) == (False, monitor.hand, 1.0)
+    assert (released.clutch, released.hand, released.arrived) == (False, monitor.hand, 1.0)
 
 
 def test_a_check_of_a_sample_alone_says_what_is_wrong_with_it():

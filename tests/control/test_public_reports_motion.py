@@ -37,9 +37,9 @@ class Arm:
         """Hold the hand as the tool is, so that nothing has to fade."""
         self.hand = Pose(self.robot.forward(self.controller.servo.guard.q).quaternion, np.zeros(3))
 
-    def go(self, seconds, clutch=True, hand=None, reading=None):
+    def go(self, seconds, clutch=True, hand=None, reading=None, lost=False):
         for _ in range(round(seconds * RATE)):
-            sample = OperatorSample(self.controller.time, self.hand if hand is None else hand, clutch)
+            sample = OperatorSample(self.controller.time, self.hand if hand is None else hand, clutch, lost=lost)
             measured = FollowerState(0.0, self.q if reading is None else reading, 0.0 * self.q, 0.08)
             step = self.controller.step(sample, measured)
             if self.drives:
@@ -75,7 +75,7 @@ def test_moveit2_1885_an_arm_moved_by_another_means_while_paused_does_not_go_bac
     arm.drives = False
     for share in np.linspace(0.0, 1.0, round(4.0 * RATE)):
         arm.q = robot.home + share * (elsewhere(robot, size) - robot.home)
-        arm.go(1.0 / RATE, hand=Pose(np.full(4, np.nan), np.zeros(3)))
+        arm.go(1.0 / RATE, lost=True)
     arm.go(5.0, clutch=False)
     there = arm.q.copy()
     arm.take_hold()
