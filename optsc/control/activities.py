@@ -74,6 +74,14 @@ class Outcome(NamedTuple):
     assistance: Assistance | None = None
 
 
+def of_the_robot(outcome: Outcome) -> Outcome:
+    """Return what a tick comes to where the robot moves by itself: without a solution it is a fault."""
+    command = outcome.command
+    if command.status is not Status.UNSOLVED:
+        return outcome
+    return outcome._replace(event=Event.FAULT, reason=command.reason)
+
+
 class Activity(Protocol):
     """One mode at work: a value that changes nothing but the servo."""
 
@@ -251,8 +259,6 @@ class Travelling(NamedTuple):
             shift, target = shift.applied(target, servo.period)
         command = servo.track(*target)
         after = Travelling(settings, path, end, shift, ticks)
-        if command.status is Status.UNSOLVED:
-            return after, Outcome(command, Event.FAULT, command.reason)
         if time < path.duration:
             return after, Outcome(command)
         if shift is not None and shift.moving:
@@ -295,8 +301,7 @@ class Adjusting(NamedTuple):
         """Do one tick; see `Activity`."""
         shift, target = self.shift.applied(PathTarget(*self.at, *STANDSTILL), servo.period)
         command = servo.track(*target)
-        fault = Event.FAULT if command.status is Status.UNSOLVED else None
-        return Adjusting(self.at, shift), Outcome(command, fault, command.reason if fault else "")
+        return Adjusting(self.at, shift), Outcome(command)
 
 
 class Standing(NamedTuple):

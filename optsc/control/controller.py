@@ -9,7 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from optsc.checks import NonNegative, require
-from optsc.control.activities import Following, HandInput
+from optsc.control.activities import Following, HandInput, of_the_robot
 from optsc.control.approach import Approach
 from optsc.control.arbitration import Arbitration, Trigger
 from optsc.control.controller_state import ControllerSnapshot, ControllerState, ControlStep
@@ -238,14 +238,14 @@ class SharedController:
                 the last tick by default.
         """
         self.servo.begin(now)
-        before = self.snapshot()
+        before: ControllerSnapshot | None = None
         try:
+            before = self.snapshot()
             step = self._tick(sample, measured)
         except Exception as error:  # noqa: BLE001 - whatever a part of the user's raises, the arm must stop
-            self.restore(before)
-            return self._halted(error)
+            return self._halted(self._taken_back(before) or error)
         except BaseException:
-            self.restore(before)
+            self._taken_back(before)
             raise
         if self.state.failure:
             self._set(failure="")
@@ -273,6 +273,8 @@ class SharedController:
         time, mode, choice = self.time, self.mode, self.state.choice
         hand = HandInput(monitor.hand, given.new, monitor.clutch, choice.goals, choice.belief.gap, self.state.arm)
         activity, outcome = self.state.activity.step(self.servo, hand, opening_of(measured))
+        if mode.automatic:
+            outcome = of_the_robot(outcome)
         if activity is not self.state.activity:
             self._set(activity=activity)
         if outcome.event is not None:
@@ -310,6 +312,17 @@ class SharedController:
             outcome.assistance,
             state.held,
         )
+
+    def _taken_back(self, before: ControllerSnapshot | None) -> Exception | None:
+        """Take a tick back; return what avoidance, which may be a user's, raised at that, if it did."""
+        if before is None:
+            return None
+        self.state, self.selector.state = before.state, before.selector
+        try:
+            self.servo.restore(before.servo)
+        except Exception as error:  # noqa: BLE001 - all else has been restored by then
+            return error
+        return None
 
     def _halted(self, error: Exception) -> ControlStep:
         """Begin to come to rest by the joint limits alone, and hold."""

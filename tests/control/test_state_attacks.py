@@ -25,6 +25,10 @@ from optsc.robot import JointLimits, load_robot
 from optsc.selection import PositionDistance, WeightedSum
 from optsc.selection.filters import GraspFilter
 from optsc.selection.hysteresis import Hysteresis
+from optsc.study.faults.catalogue import FAULTS
+from optsc.study.faults.check import problems
+from optsc.study.faults.run import run
+from optsc.study.faults.world import MODES, World
 from optsc.testing.loop import PERIOD, Loop, assert_limits_hold, scene
 
 SOLVERS = [name for name in ("daqp", "proxqp", "quadprog") if name in solver_names()]
@@ -420,3 +424,19 @@ def test_rows_of_avoidance_that_are_none_stop_the_arm_and_are_not_left_out(robot
     assert {command.status for command in commands} == {Status.UNSOLVED}
     assert all("rows of avoidance" in command.reason for command in commands)
     np.testing.assert_allclose(commands[-1].v, 0.0, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def world():
+    return World("panda", 250.0)
+
+
+@pytest.mark.parametrize("mode", [mode for mode in MODES if mode.automatic])
+def test_without_a_solution_no_mode_in_which_the_robot_moves_by_itself_goes_on(world, mode):
+    fault = FAULTS["the QP solver says that it is infeasible"]
+    assert problems(world.robot, world.period, run(world, mode, fault, (0,))) == []
+
+
+@pytest.mark.parametrize("name", ["avoidance raises (snapshot)", "avoidance raises (rows and restore)"])
+def test_an_avoidance_that_cannot_be_taken_back_does_not_make_a_tick_raise(world, name):
+    assert problems(world.robot, world.period, run(world, Mode.MANUAL, FAULTS[name], (0,))) == []

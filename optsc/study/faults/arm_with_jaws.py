@@ -25,7 +25,7 @@ class ArmState(NamedTuple):
         sag: by how much each joint is off its command (n,) [rad].
         jaws_stuck: whether the jaws stay as they are.
         let_go: whether it moves to where it is commanded to be, after its brakes were let go of there on purpose.
-        jump: the largest step of a joint in one period so far, in periods at its greatest speed.
+        jump: by how much a joint has moved further in one period than at its greatest speed, at most so far [rad].
     """
 
     state: FollowerState
@@ -64,7 +64,7 @@ class ArmWithJaws:
         most = self.robot.limits.velocity * period
         if now.let_go:
             at = np.clip(at, now.state.q - most, now.state.q + most)
-        jump = float(np.max(np.abs(at - now.state.q) / most))
+        jump = float(np.max(np.abs(at - now.state.q) - most))
         step = 0.0 if now.jaws_stuck else JAW_SPEED * period
         jaws = min(max(command.opening, now.state.opening - step), now.state.opening + step)
         if 0.0 < now.width <= now.state.opening + 1e-12:

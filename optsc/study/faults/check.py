@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from optsc.control.measured_arm import TrackingTolerance
 from optsc.control.modes import Mode
 from optsc.control.status import Status
 from optsc.robot import RobotModel
@@ -18,8 +19,8 @@ AT_REST = 1e-4
 """Joint speed [rad/s] below which an arm is at rest."""
 NEAR = (1e-3, 5e-3)
 """Distance and angle to the true target [m, rad] within which "following" is true at rest."""
-LARGEST_JUMP = 1.05
-"""Of the arm itself in one period, in periods at its greatest speed: more is no motion."""
+LARGEST_JUMP = TrackingTolerance().resume
+"""Of the arm itself in one period, beyond what it moves at its greatest speed [rad]: motion may begin this far away."""
 
 
 def problems(robot: RobotModel, period: float, record: Record) -> list[str]:
@@ -34,7 +35,7 @@ def problems(robot: RobotModel, period: float, record: Record) -> list[str]:
     if record.interrupted is False:
         found.append("an interrupt left half a tick behind")
     if record.jump > LARGEST_JUMP:
-        found.append(f"the arm jumped by {record.jump:.1f} periods at full speed")
+        found.append(f"the arm jumped by {record.jump:.3f} rad")
     if record.exception is None:
         found += answered(robot, record)
         found += no_use(robot, record)

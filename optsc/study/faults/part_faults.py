@@ -109,6 +109,7 @@ WRONG: dict[str, Hook] = {
 }
 """Solvers with an answer that is none, which cannot be told."""
 UNSOLVED = Expected(stops(), stops(), holds())
+_ALL_STOP = everywhere(holds())
 
 
 def _solver_faults() -> Iterator[Fault]:
@@ -122,7 +123,8 @@ def _solver_faults() -> Iterator[Fault]:
         )
     spoiled = part("solver", hook=_spoils)
     yield Fault("the QP solver writes into what it is given", "solver", FROM_THEN_ON, spoiled, goes_on_everywhere())
-    yield Fault("Ctrl-C in the QP solver", "solver", ONCE, part("solver", hook=interrupted), goes_on_everywhere())
+    stopped = part("solver", hook=interrupted)
+    yield Fault("Ctrl-C in the QP solver", "solver", ONCE, stopped, goes_on_everywhere(), interrupts=True)
 
 
 POLICIES: dict[str, Hook] = {
@@ -180,6 +182,7 @@ def _policy_faults() -> Iterator[Fault]:
         part("policy", hook=interrupted),
         goes_on_everywhere(),
         assisted=True,
+        interrupts=True,
     )
 
 
@@ -365,6 +368,9 @@ def _avoidance_faults() -> Iterator[Fault]:
             part("stopping", hook=hook),
             everywhere(is_safe()),
         )
+    yield Fault("avoidance raises (snapshot)", "avoidance", FROM_THEN_ON, part("snapshot", hook=fails), _ALL_STOP)
+    both = part("rows", "restore", hook=fails)
+    yield Fault("avoidance raises (rows and restore)", "avoidance", FROM_THEN_ON, both, UNSOLVED)
     for name in ("blocking", "obstacles", "hand may touch"):
         yield Fault(
             f"avoidance raises ({name})", "avoidance", FROM_THEN_ON, part(name, hook=fails), everywhere(is_safe())

@@ -126,11 +126,12 @@ class UserAvoidance:
         return self._hooks.call("blocking", lambda _: None, velocity)
 
     def snapshot(self) -> Array:
-        """Return nothing: it remembers nothing."""
-        return np.zeros(0)
+        """Return nothing, as it remembers nothing, or what the hook answers."""
+        return self._hooks.call("snapshot", lambda: np.zeros(0))
 
     def restore(self, obstacles: Array) -> None:
-        """Do nothing."""
+        """Do nothing, or what the hook does."""
+        self._hooks.call("restore", lambda _: None, obstacles)
 
 
 def user_ik(hooks: Hooks, solve: Callable[..., Any]) -> Callable[..., Any]:

@@ -73,7 +73,7 @@ class Record:
         rows: its ticks.
         again: index of the first tick of the operator who begins again.
         exception: what came out of `step` or of the follower, in words; None for nothing.
-        jump: the largest step of the arm in a period, in periods at its greatest speed.
+        jump: the largest step of the arm in a period, beyond what it moves at its greatest speed [rad].
         interrupted: whether an interrupt was passed on, and the state after it was the one before.
     """
 
@@ -244,7 +244,7 @@ class _Run:
 
     def _step(self, sample: Any, measured: Any, now: Any, time: float) -> bool:
         world, record = self.world, self.record
-        before = world.controller.snapshot()
+        before = world.controller.snapshot() if self.fault.interrupts else None
         step: ControlStep | None = None
         try:
             step = world.controller.step(sample, measured, now=now)

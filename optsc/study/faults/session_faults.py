@@ -121,7 +121,7 @@ def session_problems(world: World, mode: Mode, fault: Fault, seed: tuple[int, ..
         step=start.step,
     )
     try:
-        session.run(world.controller.time + LONGEST, lambda tick: counted.call("sink", ticks.append, tick))
+        session.run(world.controller.time + LONGEST, lambda tick: counted.call("sink", ticks.append, tick), None)
     except (Exception, KeyboardInterrupt):  # noqa: BLE001 - that something comes out is what is expected
         pass
     finally:
