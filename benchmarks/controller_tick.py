@@ -41,6 +41,10 @@ ROUND = 3.0
 OBJECTS = ("mug", "can", "box")
 
 
+Summary = dict[str, dict[str, float]]
+"""By what happened in a tick: number of ticks, percentiles and the worst [us], and the share over 1 ms."""
+
+
 class Timed(NamedTuple):
     """One tick: what happened in it, and what it took on the processor and by the clock [ns]."""
 
@@ -184,7 +188,7 @@ def what_happened(
     return "nothing else" if sample is None else "a sample of the hand"
 
 
-def summary_of(timed: list[Timed]) -> dict[str, dict[str, float]]:
+def summary_of(timed: list[Timed]) -> Summary:
     """Return percentiles and the worst [us] of all ticks, and of those with the same thing happening."""
     groups: dict[str, list[Timed]] = defaultdict(list)
     for one in timed:
@@ -205,7 +209,7 @@ def summary_of(timed: list[Timed]) -> dict[str, dict[str, float]]:
 
 def measure(
     robot: RobotModel, rate: float = 500.0, seconds: float = 60.0, count: int = 450, seed: int = 0, repeats: int = 1
-) -> dict[str, dict[str, float]]:
+) -> Summary:
     """Return `summary_of` a run of ``seconds`` of control time on ``count`` candidates.
 
     The run is repeated, and of each tick the least time counts: what it does is the same, and the rest the machine did.
@@ -227,7 +231,7 @@ def _least(times: tuple[Timed, ...]) -> Timed:
     return Timed(times[0].what, min(one.processor for one in times), min(one.clock for one in times))
 
 
-def table(summary: dict[str, dict[str, float]]) -> tuple[list[str], list[list[str]]]:
+def table(summary: Summary) -> tuple[list[str], list[list[str]]]:
     """Return header and rows."""
     names = [f"p{p:g}" for p in PERCENTILES]
     columns = [*names, "worst", "clock p99.9", "clock worst"]

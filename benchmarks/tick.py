@@ -1,6 +1,7 @@
-"""How long one control tick takes: the servo's whole tick beside other libraries' `solve_ik`.
+"""How long one control tick takes: the servo's beside other libraries' `solve_ik`, and the whole controller's.
 
     python -m benchmarks.tick --seconds 20 --robots panda ur5 iiwa --output results
+    python -m benchmarks.tick --seconds 0 --steady-seconds 0 --rates 250 500 1000    # the whole controller alone
 
 Same arm, same limits, same stream of targets. The contenders run in turns of a few milliseconds each, in changing
 order, so that whatever else the machine does meets all of them. What each computes differs, and the table says so.
@@ -21,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import controller_tick
 from benchmarks.machine import markdown_table, save
 from benchmarks.peers import (
     ORIENTATION_COST,
@@ -296,7 +298,12 @@ def _spin(count: int, duration: float) -> np.ndarray:
     return times
 
 
-def report(results: list[dict[str, Any]], steady: dict[str, Any] | None, snapshots: dict[str, float]) -> str:
+def report(
+    results: list[dict[str, Any]],
+    steady: dict[str, Any] | None,
+    snapshots: dict[str, float],
+    whole: dict[str, controller_tick.Summary],
+) -> str:
     """Return the tables."""
     parts = []
     for result in results:
@@ -324,6 +331,8 @@ def report(results: list[dict[str, Any]], steady: dict[str, Any] | None, snapsho
         header = [f"{steady['ticks']} ticks alone", "over 1 ms", "median [us]", "p99.9 [us]", "longest [us]"]
         kept = steady["memory blocks kept per tick"]
         parts.append(f"{markdown_table(header, rows)}\n\nMemory blocks that a tick leaves behind: {kept:.3f}")
+    for rate, summary in whole.items():
+        parts.append(f"**Whole controller at {rate} Hz**\n\n{markdown_table(*controller_tick.table(summary))}")
     rows = [[f"{name} of a controller [us]", f"{median:.1f}"] for name, median in snapshots.items()]
     parts.append(markdown_table(["in a run with candidates", "median"], rows))
     return "\n\n".join(parts)
@@ -342,16 +351,24 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--robots", nargs="+", default=["panda", "ur5", "iiwa"])
     parser.add_argument("--rate", type=float, default=1000.0, help="control rate in Hz (default 1000)")
     parser.add_argument("--sample-rate", type=float, default=90.0, help="of the targets in Hz (default 90)")
+    parser.add_argument("--rates", type=float, nargs="*", default=[500.0], help="of the whole controller, in Hz")
+    parser.add_argument("--whole-seconds", type=float, default=60.0, help="of it at each rate; 0 for none")
+    parser.add_argument("--repeats", type=int, default=3, help="of that run; of each tick the least time counts")
+    parser.add_argument("--candidates", type=int, default=450, help="in that run (default 450)")
     parser.add_argument("--placo-python", metavar="PYTHON", help="interpreter of an environment with placo")
     parser.add_argument("--output", type=Path, metavar="DIR", help="where tick.json and tick.md go")
     o = parser.parse_args(arguments)
     robots = [load_robot(name) for name in o.robots]
-    results = [measure(robot, o.rate, o.sample_rate, o.seconds, o.placo_python) for robot in robots]
+    results = [measure(robot, o.rate, o.sample_rate, o.seconds, o.placo_python) for robot in robots if o.seconds > 0]
     steady = steadiness(robots[0], o.rate, o.sample_rate, o.steady_seconds) if o.steady_seconds > 0 else None
     snapshots = snapshot_times(robots[0], o.rate, max(1, round(min(o.seconds, 5.0) * o.rate)))
+    whole = {
+        f"{rate:g}": controller_tick.measure(robots[0], rate, o.whole_seconds, o.candidates, repeats=o.repeats)
+        for rate in (o.rates if o.whole_seconds > 0 else [])
+    }
     command = "python -m benchmarks.tick " + " ".join(sys.argv[1:] if arguments is None else arguments)
-    facts = {"results": results, "steady": steady, "snapshots": snapshots}
-    save(o.output, "tick", facts, report(results, steady, snapshots), command.strip())
+    facts = {"results": results, "steady": steady, "snapshots": snapshots, "whole": whole}
+    save(o.output, "tick", facts, report(results, steady, snapshots, whole), command.strip())
 
 
 if __name__ == "__main__":
