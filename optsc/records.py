@@ -22,7 +22,7 @@ from optsc.grasps import Candidates
 from optsc.operators import OperatorSample
 from optsc.operators.sample import Button
 from optsc.selection import Ranking
-from optsc.selection.reach import ClearRows
+from optsc.selection.reach import ClearRows, ReachTable
 
 FORMAT = 2
 """Version of the file format; a newer one is refused."""
@@ -75,6 +75,14 @@ class SceneUpdate(NamedTuple):
     clear: ClearRows | None = None
 
 
+class SolvedUpdate(NamedTuple):
+    """The same with the reach table of the grasps, solved elsewhere, in another process for one."""
+
+    candidates: Candidates
+    clear: ClearRows | None
+    table: ReachTable
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """All ticks of a run, in order, and what determines them.
@@ -89,7 +97,7 @@ class Run:
     rate: float
     ticks: Sequence[Tick]
     about: Mapping[str, Any] = field(default_factory=dict)
-    updates: Mapping[int, SceneUpdate] = field(default_factory=dict)
+    updates: Mapping[int, SceneUpdate | SolvedUpdate] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.ticks)

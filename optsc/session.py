@@ -19,11 +19,11 @@ from optsc.followers.protocol import Follower, FollowerState
 from optsc.geometry import Pose
 from optsc.grasps import Candidates
 from optsc.operators import Operator, OperatorSample, OperatorView
-from optsc.records import Run, RunInputs, SceneUpdate, Tick
+from optsc.records import Run, RunInputs, SceneUpdate, SolvedUpdate, Tick
 from optsc.selection import Ranking, Target
 from optsc.selection.reach import ClearRows
 
-Watch = Callable[[float, FollowerState], SceneUpdate | None]
+Watch = Callable[[float, FollowerState], SceneUpdate | SolvedUpdate | None]
 """``watch(time, measured)``: an observation of the scene at a time [s]; None where nothing has changed."""
 Sink = Callable[[Tick], None]
 """Where the ticks of a loop go: a list's ``append``, a file, a page."""
@@ -115,7 +115,7 @@ class Session:
         self.measured = follower.state()
         self.step = step
         self.ticks = 0
-        self.updates: dict[int, SceneUpdate] = {}
+        self.updates: dict[int, SceneUpdate | SolvedUpdate] = {}
 
     @classmethod
     def start(
@@ -259,7 +259,7 @@ def replay(
     inputs: RunInputs,
     candidates: Candidates | None = None,
     clear: ClearRows | None = None,
-    updates: Mapping[int, SceneUpdate] | None = None,
+    updates: Mapping[int, SceneUpdate | SolvedUpdate] | None = None,
 ) -> Run:
     """Feed recorded inputs to a controller and return what it does: the same commands, bit for bit."""
     about, count = inputs.about, len(inputs.samples)

@@ -37,7 +37,7 @@ from optsc.operators.smoothing import Smoothing
 from optsc.robot import RobotModel
 from optsc.selection import GraspSelector, Ranking
 from optsc.selection.intent import IntentSettings
-from optsc.selection.reach import ClearRows
+from optsc.selection.reach import ClearRows, ReachTable
 
 _BEFORE_CONTACT = (Mode.APPROACH, Mode.ADJUST, Mode.ADVANCE)
 """The jaws have not closed yet. Later the object moves with the hand."""
@@ -182,7 +182,7 @@ class SharedController:
         """The newest ranking, None before there are candidates; its ``best`` is the intended object."""
         return self.state.choice.ranking
 
-    def observe(self, candidates: Candidates, clear: ClearRows | None = None) -> None:
+    def observe(self, candidates: Candidates, clear: ClearRows | None = None, table: ReachTable | None = None) -> None:
         """Take in the candidate grasps of the scene as it is now.
 
         Before the first tick after a reset they are all solved and scored here. During a run in real time that is done
@@ -192,13 +192,15 @@ class SharedController:
         ``clear`` tells which of them the arm can execute without touching what it should not, see
         `optsc.collision.GraspClearance`. Vetoes and beliefs begin again. If the object that the robot is on its way to
         has moved or is gone, the next tick is a fault. Where this raises, as a collision check may, nothing changes.
+        A ``table`` of these candidates that was solved elsewhere (`optsc.selection.ReachSolver.table`), in another
+        process for one, is in use after a few ticks; `InvalidValue` is raised for one that does not fit.
         """
         state, doubt = self.state, self.state.doubt
         if state.target is not None and state.mode in _BEFORE_CONTACT:
             doubt = displaced(state.target, state.choice.candidates, candidates)
         before = self.selector.state
         try:
-            choice = self._choice.observed(state.choice, self.servo, candidates, clear)
+            choice = self._choice.observed(state.choice, self.servo, candidates, clear, table)
         except BaseException:
             self.selector.state = before
             raise

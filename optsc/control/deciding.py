@@ -43,7 +43,6 @@ class Deciding(NamedTuple):
         purpose: the event that a grasp found leads to.
         start, q: where the tool was led, and the configuration (n,) [rad], at the moment of the decision.
         candidates, clear: the grasps of the scene then, and their collision check.
-        coupled: whether the clutch was closed then.
         done: what was refused already, in words.
         best: the intended object, where that is known; else the ranking tells.
         instead_of: the grasp that another one is looked for.
@@ -60,7 +59,6 @@ class Deciding(NamedTuple):
     q: Array
     candidates: Candidates
     clear: ClearRows | None
-    coupled: bool = False
     done: str = ""
     best: str | None = None
     instead_of: Target | None = None

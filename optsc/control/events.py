@@ -205,7 +205,8 @@ def _by_hand(parts: Parts, state: ControllerState, event: Event | None, given: O
         choice, done = parts.choice.veto(state.choice, None)
         return Happening(state._replace(choice=choice._replace(deciding=None)), event, done)
     if deciding is not None:
-        opened = deciding.coupled and not state.monitor.clutch
+        # Who hands over by the trigger may let go. The robot begins by itself only while the hand leads.
+        opened = deciding.purpose is Event.BEGUN and not state.monitor.clutch
         if not opened and event is not Event.TRIGGERED:
             return Happening(state, event)
         state = state._replace(choice=state.choice._replace(deciding=None))
@@ -218,8 +219,7 @@ def _by_hand(parts: Parts, state: ControllerState, event: Event | None, given: O
     elif event is not Event.TRIGGERED:
         return Happening(state, event)
     purpose = Event.BEGUN if begins else Event.TRIGGERED
-    hand, coupled = leading_hand(state), state.monitor.clutch
-    choice, refusal = parts.choice.begin(state.choice, parts.servo, hand, state.clutch, purpose, coupled)
+    choice, refusal = parts.choice.begin(state.choice, parts.servo, leading_hand(state), state.clutch, purpose)
     return Happening(state._replace(choice=choice), None, refusal)
 
 

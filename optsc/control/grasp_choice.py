@@ -63,22 +63,31 @@ class GraspChoice:
         self._aim, self._real_time = aim, real_time
 
     def observed(
-        self, state: ChoiceState, servo: Servo, candidates: Candidates, clear: ClearRows | None
+        self,
+        state: ChoiceState,
+        servo: Servo,
+        candidates: Candidates,
+        clear: ClearRows | None,
+        table: ReachTable | None = None,
     ) -> ChoiceState:
-        """Return the state with the grasps of a scene.
+        """Return the state with the grasps of a scene, and their reach ``table``, where it was solved elsewhere.
 
         Vetoes and beliefs begin again. In real time the grasps before stay in use until those of the new scene are
         solved, see `worked`, but for the first scene after a reset.
         """
         q = servo.guard.q.copy()
         if self._real_time and servo.state.ticks:
-            self.selector.announce(candidates, q, clear=clear)
+            self.selector.announce(candidates, q, clear=clear, table=table)
             # What the tick that follows may do is done already.
             return state._replace(table=None, spent=servo.state.ticks)
         self.selector.forget()
         # After a reset nothing is taken over: a run must not depend on the one before.
         known = state.candidates is not None
-        self.selector.observe(candidates, q, clear=clear, reuse=known)
+        if table is not None:
+            self.selector.require_fits(table, candidates)
+            self.selector.use(table, clear=clear)
+        else:
+            self.selector.observe(candidates, q, clear=clear, reuse=known)
         return ChoiceState(candidates, clear)
 
     def worked(
@@ -120,11 +129,11 @@ class GraspChoice:
         """Do what is due next: ranking, a new reach table, rows that are outdated. Return None where nothing is."""
         selector, q = self.selector, servo.guard.q
         if ranks and servo.time - state.ranked >= RANKING_PERIOD:
-            if selector.take_over() and state.ranking is not None:
+            if selector.take_over():
                 return state
             if self.intent is not None and not state.believed:
                 state = self._believed(state, servo, hand, clutch)._replace(believed=True)
-                if state.ranking is not None:
+                if servo.state.ticks > 1:
                     return state
             return self._ranked(state, servo)
         if selector.observing:
@@ -186,7 +195,6 @@ class GraspChoice:
         hand: Hand | None,
         clutch: ClutchSettings,
         purpose: Event,
-        coupled: bool,
     ) -> tuple[ChoiceState, str]:
         """Begin to decide from this moment which grasp the robot goes to; return the state, or why it cannot be.
 
@@ -203,9 +211,7 @@ class GraspChoice:
         q = servo.guard.q.copy()
         # The belief was the first piece of work.
         spent = 0 if self.intent is None else 1
-        deciding = Deciding(
-            purpose, _tool(servo), q, candidates, state.clear, coupled, best=best, pieces=spent, spent=spent
-        )
+        deciding = Deciding(purpose, _tool(servo), q, candidates, state.clear, best=best, pieces=spent, spent=spent)
         return state._replace(deciding=deciding), ""
 
     def begin_next(self, state: ChoiceState, servo: Servo, target: Target | None, done: str = "") -> ChoiceState:

@@ -7,19 +7,16 @@ from dataclasses import fields
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from optsc.control.controller import SharedController
 from optsc.control.modes import Mode
 from optsc.geometry import scalar
 from optsc.geometry.rotation import Array
-from optsc.grasps import Candidates
 from optsc.live.layout import POSE
 from optsc.live.scene import LiveScene, SceneChoice
 from optsc.live.settings_block import LiveSettings
-from optsc.records import SceneUpdate
+from optsc.records import SolvedUpdate
 from optsc.selection import GraspSelector, ReachTable
-from optsc.selection.reach import ClearRows
 
 MOVED = (0.003, 0.03)
 """An object that is further from where its grasps were placed [m, rad] has moved ..."""
@@ -43,37 +40,10 @@ class Observation(NamedTuple):
     q: Array
 
 
-class PreparedSelector(GraspSelector):
-    """A selector that can be given the reach table of what it is about to observe, solved elsewhere.
-
-    Attributes:
-        prepared: the table for the next call of `observe`, where its candidates are those.
-    """
-
-    prepared: ReachTable | None = None
-
-    def observe(
-        self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None, reuse: bool = True
-    ) -> ReachTable:
-        """Take the prepared table, or solve one, see `GraspSelector.observe`."""
-        table, self.prepared = self.prepared, None
-        if table is None or table.candidates is not candidates:
-            return super().observe(candidates, q, clear=clear, reuse=reuse)
-        self.use(table, clear=clear)
-        return table
-
-
-def solved(scene: LiveScene, selector: GraspSelector, seen: Observation) -> tuple[SceneUpdate, ReachTable]:
-    """Return the grasps of a scene where its objects are seen, and their reach table: the same bytes everywhere."""
+def solved(scene: LiveScene, selector: GraspSelector, seen: Observation) -> SolvedUpdate:
+    """Return the grasps of a scene where its objects are seen, with their reach table: the same bytes everywhere."""
     update = scene.seen(seen.poses)
-    return update, selector.solver.table(update.candidates, seen.q, clear=update.clear, known=None)
-
-
-def take(controller: SharedController, update: SceneUpdate, table: ReachTable) -> None:
-    """Let a controller observe a scene whose reach table is there."""
-    if isinstance(controller.selector, PreparedSelector):
-        controller.selector.prepared = table
-    controller.observe(*update)
+    return SolvedUpdate(*update, selector.solver.table(update.candidates, seen.q, clear=update.clear, known=None))
 
 
 class Lookout:
@@ -117,7 +87,7 @@ class Lookout:
         if stale or controller.mode not in _HANDS_OFF or _apart(poses, asked.poses, MOVED):
             return  # things have moved on since; the next look asks again
         update = self._scene.seen(asked.poses)
-        take(controller, update, ReachTable(candidates=update.candidates, **parts))
+        controller.observe(*update, ReachTable(candidates=update.candidates, **parts))
         self.seen, self.count = asked, self.count + 1
 
 
@@ -128,7 +98,7 @@ def run_observer(say_ready: Callable[[Any], None], choice: SceneChoice, pipe: Pi
     solved(scene, selector, Observation(scene.poses, scene.robot.home))  # what has to be compiled is compiled now
     say_ready(None)
     while True:
-        pipe.send(parts_of(solved(scene, selector, pipe.recv())[1]))
+        pipe.send(parts_of(solved(scene, selector, pipe.recv()).table))
 
 
 def parts_of(table: ReachTable) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from optsc.live.settings_block import LiveSettings
 from optsc.operators import ClutchSettings
 from optsc.records import SceneUpdate
 from optsc.robot import ROBOT_NAMES, RobotModel, load_robot
-from optsc.selection import Hysteresis
+from optsc.selection import GraspSelector, Hysteresis
 from optsc.sim import Tabletop, tabletop
 from optsc.study.episode_setup import FOLLOWERS, true_scene
 from optsc.study.libraries import library_of
@@ -101,10 +101,7 @@ class LiveScene:
     def controller(self, settings: LiveSettings) -> SharedController:
         """Return the controller: the hand is coupled relative to where it took hold, in the axes of the world."""
         approach = Approach()
-        # It can be given what the observer has solved.
-        from optsc.live.observer import PreparedSelector
-
-        selector = PreparedSelector(
+        selector = GraspSelector(
             self.robot,
             settings.ranking_rule,
             standoff=approach.standoff,

@@ -8,7 +8,7 @@ manipulability of a row is the one at the configuration in which the arm would a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
@@ -75,6 +75,11 @@ class ReachTable:
             object.__setattr__(self, name, _frozen(getattr(self, name)))
         columns = {name: _frozen(values) for name, values in self.columns.items()}
         object.__setattr__(self, "columns", MappingProxyType(columns))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let a table pass to another process, which read-only views of dictionaries do not."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return type(self), tuple({**values, "columns": dict(self.columns)}.values())
 
     @property
     def twins(self) -> int:
@@ -192,7 +197,7 @@ class ReachSolver(Checked):
 
     def rows_known(self, table: ReachTable, known: ReachTable) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of an empty table (R,) whose configurations an older one has, and its rows there (R,)."""
-        if known.standoff != self.standoff or known.twins != table.twins:
+        if not table.rows or known.standoff != self.standoff or known.twins != table.twins:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         same, of_known = _rows_at_the_same_place(known, table)
         here = table.seed[:1, :1].reshape(-1)

@@ -16,15 +16,16 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.ik.batch import solve_ik
 from optsc.selection.decision import RankingInputs, decide
-from optsc.selection.filters import Gone, GraspFilter, Vetoed
+from optsc.selection.filters import GraspFilter
 from optsc.selection.grid import Grid, Situation
 from optsc.selection.hysteresis import Hysteresis, Viewpoint
 from optsc.selection.ranking import Ranking
 from optsc.selection.reach import ClearRows, ReachSolver, ReachTable, SolveIk, with_rows
 from optsc.selection.reach_columns import StraightMotion, needed, require_measurable
 from optsc.selection.rules import Cascade, RankingRule
+from optsc.selection.scene_change import filters_in_force, given_up, gone_on, with_table
 from optsc.selection.selector_state import SelectorState, unusable
-from optsc.selection.table_build import NO_ROWS, NewScene, advanced, begin, no_longer_there
+from optsc.selection.table_build import NewScene
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
@@ -141,7 +142,7 @@ class GraspSelector:
         """Offer this grasp no more, until `forget`."""
         vetoed = self.state.vetoed | {(object_name, int(grasp_index))}
         state = self.state._replace(vetoed=vetoed)
-        self.state = state._replace(filters=self._filters(state))
+        self.state = state._replace(filters=filters_in_force(state, self.filters))
 
     @property
     def table(self) -> ReachTable | None:
@@ -175,23 +176,42 @@ class GraspSelector:
 
         Raises `InvalidValue` where it lacks a column that the rule or a filter reads.
         """
+        self.require_fits(table, table.candidates)
+        self.state = with_table(self.state, table, clear)
+
+    def require_fits(self, table: ReachTable, candidates: Candidates) -> None:
+        """Raise `InvalidValue` for a table of other candidates, or without a column that the rule or a filter reads."""
+        if table.candidates is not candidates:
+            raise InvalidValue("candidates of the table", len(table.candidates), "those that are observed")
         if missing := self.solver.columns - set(table.columns):
             raise InvalidValue("columns of the table", sorted(table.columns), f"also {sorted(missing)}")
-        self.state = self.state._replace(grid=Grid(table), clear=clear, outdated=NO_ROWS)
-        self.state = self.state._replace(found=None, judged=(), build=None, waiting=None)
 
-    def announce(self, candidates: Candidates, q: ArrayLike, *, clear: ClearRows | None = None) -> None:
+    def announce(
+        self,
+        candidates: Candidates,
+        q: ArrayLike,
+        *,
+        clear: ClearRows | None = None,
+        table: ReachTable | None = None,
+    ) -> None:
         """Take in a scene as `observe` does, but leave its reach table to be solved piece by piece by `go_on`.
+
+        A ``table`` that was solved elsewhere (`ReachSolver.table`) is in use after a few pieces.
 
         Until that is whole, the table at hand stays in use, but for the grasps that are no longer there. A table in the
         making is finished first; of several scenes that wait the newest counts. Vetoes begin again. Raises
         `InvalidValue` as `observe` does, and whatever the collision check raises for the grasp that it is tried on.
         """
-        require_measurable(self.solver.columns, self.solver.motion, clear)
         here = np.array(q, dtype=float)
-        if clear is not None and len(candidates):
+        if table is not None:
+            self.require_fits(table, candidates)
+        else:
+            require_measurable(self.solver.columns, self.solver.motion, clear)
+        if clear is not None and len(candidates) and table is None:
             clear(here[None], here[None], candidates.select(np.zeros(1, dtype=np.int64)))
-        state = self.state._replace(waiting=NewScene(candidates, clear), vetoed=frozenset(), filters=self.filters)
+        state = self.state._replace(
+            waiting=NewScene(candidates, clear, table), vetoed=frozenset(), filters=self.filters
+        )
         self.state = state._replace(filters_known=False)
 
     @property
@@ -207,48 +227,18 @@ class GraspSelector:
             return state.waiting.candidates
         return self.candidates if state.build is None else state.build.candidates
 
-    def _filters(self, state: SelectorState) -> tuple[GraspFilter, ...]:
-        """Return the filters in force: the selector's own, vetoes, and what a newer scene no longer has."""
-        newer = state.waiting or state.build
-        found = (*self.filters, Vetoed(state.vetoed)) if state.vetoed else self.filters
-        if newer is None or self.candidates is None:
-            return found
-        gone = no_longer_there(self.candidates, newer.candidates)
-        return (*found, Gone(gone)) if gone.any() else found
-
     def go_on(self, q: ArrayLike) -> bool:
         """Work out another piece of a new reach table, from configuration ``q`` (n,) [rad] where it is the first.
 
         Return whether it was the last, and the table is in use from now on. Where this raises, as a collision check
         may, the new scene is given up.
         """
-        state = self.state
-        if not state.filters_known:
-            self.state = state._replace(filters=self._filters(state), filters_known=True)
-            return False
-        build, waiting = state.build, state.waiting
         try:
-            if build is None:
-                if waiting is not None:
-                    build = begin(self.solver, waiting, q, self.table)
-                    self.state = state._replace(build=build, waiting=None)
-                return False
-            if build.whole is None:
-                self.state = state._replace(build=advanced(build, self.solver))
-                return False
-            self.use(build.whole, clear=build.clear)
+            self.state, whole = gone_on(self.state, self.solver, self.filters, q)
         except Exception:
-            self.state = state._replace(build=None, waiting=None if build is None else waiting)
+            self.state = given_up(self.state)
             raise
-        vetoes = (Vetoed(state.vetoed),) if state.vetoed else ()
-        self.state = self.state._replace(
-            waiting=waiting,
-            viewpoint=None,
-            ranking=None,
-            filters=(*self.filters, *vetoes),
-            filters_known=waiting is None,
-        )
-        return True
+        return whole
 
     def rank(
         self,

@@ -27,10 +27,11 @@ MOVED = 0.01
 
 
 class NewScene(NamedTuple):
-    """The grasps of a scene and their collision check."""
+    """The grasps of a scene, their collision check, and their reach table, where it was solved elsewhere."""
 
     candidates: Candidates
     clear: ClearRows | None
+    table: ReachTable | None = None
 
 
 class TableBuild(NamedTuple):
@@ -66,6 +67,8 @@ class TableBuild(NamedTuple):
 
 def begin(solver: ReachSolver, scene: NewScene, q: ArrayLike, known: ReachTable | None = None) -> TableBuild:
     """Return the build of `ReachSolver.table` for the same arguments; raise what it raises for them."""
+    if scene.table is not None:
+        return TableBuild(scene.table, scene.clear, None, NO_ROWS, whole=scene.table)
     table = solver.empty_table(scene.candidates, q, clear=scene.clear)
     return TableBuild(table, scene.clear, known, np.arange(table.rows))
 

@@ -1,5 +1,7 @@
 """A decision and a new scene are spread over ticks: what comes of it, when, and how much one tick may do."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,8 @@ from optsc.control.approach import Approach
 from optsc.control.modes import Event, Mode
 from optsc.control.path_feasibility import grasp_path_feasibility, most_feasible
 from optsc.control.path_search import PathSearch, SearchScene, coarse_first
+from optsc.control.policies import Automatic
+from optsc.errors import InvalidValue
 from optsc.followers import IdealFollower
 from optsc.geometry import Pose
 from optsc.operators import Button, OperatorSample
@@ -170,12 +174,19 @@ def test_the_hand_goes_on_leading_while_it_is_decided(robot):
     assert min(speeds) > 0.01
 
 
-def test_opening_the_clutch_while_it_is_decided_calls_it_off(robot):
+def test_who_lets_go_right_after_the_trigger_has_handed_over(robot):
     loop = Loop(robot, scene(TWO))
     loop.go(0.2)
     loop.tick(OperatorSample(loop.time, loop.hand, True, trigger=True))
-    assert loop.controller.state.choice.deciding is not None
-    step = loop.tick(OperatorSample(loop.time, loop.hand, False, trigger=True))
+    loop.go(0.1, clutch=False, trigger=True)
+    assert loop.controller.mode is Mode.APPROACH
+
+
+def test_opening_the_clutch_calls_off_what_the_robot_begins_by_itself(robot):
+    loop = Loop(robot, scene(TWO), arbitration=Automatic(dwell=0.2))
+    while loop.controller.state.choice.deciding is None:
+        loop.tick(OperatorSample(loop.time, loop.hand))
+    step = loop.tick(OperatorSample(loop.time, loop.hand, False))
     assert "clutch" in step.reason
     assert loop.controller.state.choice.deciding is None
     loop.go(0.2, clutch=False)
@@ -376,3 +387,18 @@ def test_a_run_with_new_scenes_while_it_is_decided_is_replayed_bit_for_bit(robot
     )
     again = session.replay(controller(robot), inputs, scene(count=20), updates=seen.updates)
     assert bytes_of([tick.step for tick in again]) == bytes_of([tick.step for tick in seen])
+
+
+def test_a_table_that_was_solved_elsewhere_is_in_use_within_a_few_ticks(robot):
+    loop = Loop(robot, scene(TWO, count=40))
+    loop.go(0.1)
+    other = scene(TWO, count=40, seed=4)
+    selector = GraspSelector(robot)
+    table = pickle.loads(pickle.dumps(selector.solver.table(other, loop.controller.servo.guard.q)))
+    with pytest.raises(InvalidValue, match="candidates of the table"):
+        loop.controller.observe(other, None, table)
+    loop.controller.observe(table.candidates, None, table)
+    loop.go(0.02)
+    assert loop.controller.selector.candidates is table.candidates
+    loop.go(0.04)
+    assert loop.controller.ranking.best is not None
