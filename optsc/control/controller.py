@@ -193,8 +193,12 @@ class SharedController:
         `optsc.collision.GraspClearance`. Vetoes and beliefs begin again. If the object that the robot is on its way to
         has moved or is gone, the next tick is a fault. Where this raises, as a collision check may, nothing changes.
         A ``table`` of these candidates that was solved elsewhere (`optsc.selection.ReachSolver.table`), in another
-        process for one, is in use after a few ticks; `InvalidValue` is raised for one that does not fit.
+        process for one, is in use after a few ticks.
+
+        Raises `InvalidValue` for what are no candidates, and for a table that does not fit.
         """
+        if not isinstance(candidates, Candidates):
+            raise InvalidValue("candidates", type(candidates).__name__, "Candidates")
         state, doubt = self.state, self.state.doubt
         if state.target is not None and state.mode in _BEFORE_CONTACT:
             doubt = displaced(state.target, state.choice.candidates, candidates)

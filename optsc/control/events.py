@@ -102,7 +102,7 @@ def _by_operator(parts: Parts, state: ControllerState, given: OperatorInput) -> 
         # Nobody could step in.
         return Happening(state, Event.FAULT, silence)
     if state.mode is Mode.HOLD:
-        return _asked_to_go_on(parts, state, given, bool(silence))
+        return _asked_to_go_on(parts, state, given, silence)
     if state.mode is Mode.MANUAL:
         found = _by_hand(parts, state, event, given)
         told = (silence if state.monitor.clutch else "") or reason
@@ -154,14 +154,14 @@ def _fault(servo: Servo, state: ControllerState) -> str:
     return state.doubt
 
 
-def _asked_to_go_on(parts: Parts, state: ControllerState, given: OperatorInput, silent: bool) -> Happening:
+def _asked_to_go_on(parts: Parts, state: ControllerState, given: OperatorInput, silence: str) -> Happening:
     """Return whether hold is left: as soon as the operator has asked for it, still does, and the arm is ready.
 
-    Who closes the clutch meanwhile need not do it again.
+    Who closes the clutch meanwhile need not do it again. ``silence`` says that no usable samples come, where so.
     """
     monitor, reason = state.monitor, given.reason
     wish = state.wish if given.event is None else given.event
-    if silent or not (monitor.clutch or monitor.trigger):
+    if silence or not (monitor.clutch or monitor.trigger):
         wish = None
     obstacle = unready(state.activity, parts.servo, state.arm)
     if wish is not None and not obstacle:
@@ -172,7 +172,10 @@ def _asked_to_go_on(parts: Parts, state: ControllerState, given: OperatorInput, 
     if given.event is not None and isinstance(state.activity, Holding):
         state = state._replace(activity=state.activity.asked_again())
     told = wish is not None or state.arm.silent or elsewhere(parts.servo, state.arm)
-    return Happening(state._replace(wish=wish), None, reason or (obstacle if told else ""))
+    # Why the arm was stopped says more than that nobody can be heard now.
+    return Happening(
+        state._replace(wish=wish), None, reason or (obstacle if told else "") or ("" if state.stop else silence)
+    )
 
 
 def _decided(parts: Parts, found: Happening) -> Happening:

@@ -14,6 +14,10 @@ FADING = 1.0
 """Time constant [s] with which lost time counts less and less."""
 LEAST_STEP = 1e-6
 """A clock that goes on by less than this [s] from tick to tick stands still."""
+LONGEST_STALL = 0.5
+"""A time that is further ahead than this [s] is believed only where the next ones go on from it."""
+CONFIRMED = 2
+"""How many times have to go on from each other, as those of a clock do, before one that was set is believed."""
 
 
 class LoopTime(NamedTuple):
@@ -30,7 +34,9 @@ class LoopTime(NamedTuple):
         missing: by how much the ticks so far have moved the command less than time has passed [s]; negative for a loop
             that is fast.
         recent: time lost within about the last second [s]; what is made up for in that time is not lost.
-        refused: how often the loop has said a time that cannot be: not finite, or no later than at the tick before.
+        refused: how often the loop has said a time that cannot be: not finite, no later than at the tick before, or far
+            ahead.
+        claim, claims: the last of them, on the loop's clock [s], and how many have gone on from each other.
     """
 
     at: float = 0.0
@@ -40,6 +46,8 @@ class LoopTime(NamedTuple):
     missing: float = 0.0
     recent: float = 0.0
     refused: int = 0
+    claim: float = 0.0
+    claims: int = 0
 
     def time(self, ticks: int, period: float) -> float:
         """Return the time since the reset [s] after ``ticks``."""
@@ -49,8 +57,8 @@ class LoopTime(NamedTuple):
         """Return it as the tick after ``ticks`` begins and the loop says that it is ``now`` [s], if it says anything.
 
         The origin of the clock is learnt at the first time that is said. A time that cannot be is refused: one period
-        is counted instead, and the clock goes on from there, so that a clock that was set back or stands still neither
-        turns the loop's time back nor stops it.
+        is counted instead. Of a clock that was set, or a loop that stood still for long, the next times go on from
+        there, and are then believed. After a single wrong one, and a clock that stood still, they go on from before.
         """
         if now is None:
             return self if self.late == 0.0 else self._replace(late=0.0)
@@ -61,9 +69,14 @@ class LoopTime(NamedTuple):
         if self.zero is None:
             return self._replace(at=expected, tick=ticks, zero=said - expected)
         at, last = said - self.zero, expected - period if ticks > self.tick else self.at
-        if at < last + LEAST_STEP:
-            zero = said - expected
-            return LoopTime(expected, ticks, zero, 0.0, self.missing, self.recent, self.refused + 1)
+        if not last + LEAST_STEP <= at <= expected + LONGEST_STALL:
+            goes_on = self.claims > 0 and LEAST_STEP <= said - self.claim <= LONGEST_STALL
+            claims = self.claims + 1 if goes_on else 1
+            if claims < CONFIRMED:
+                return self._replace(late=0.0, refused=self.refused + 1, claim=said, claims=claims)
+            if at < expected:
+                zero = said - expected
+                return LoopTime(expected, ticks, zero, 0.0, self.missing, self.recent, self.refused)
         off = at - expected
         recent = self.recent * exp(-(at - last) / FADING) + off
         return LoopTime(at, ticks, self.zero, max(off, 0.0), self.missing + off, max(recent, 0.0), self.refused)

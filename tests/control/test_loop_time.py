@@ -96,3 +96,21 @@ def test_lateness_does_not_hide_what_else_holds_the_motion_back():
     seen = [servo.step(far, now=0.1 * k).status for k in range(1500)]
     assert Status.LATE in seen[:100]
     assert set(seen[-20:]) == {Status.UNREACHABLE}
+
+
+@pytest.mark.parametrize("wrong", [4.0, -1e6, 7.0, 1e300])
+def test_after_a_single_wrong_time_the_clock_is_what_it_was(wrong):
+    loop, seen = told([5.0, 5.002, wrong, 5.006, 5.008])
+    np.testing.assert_allclose(seen, [0.0, 0.002, 0.004, 0.006, 0.008], atol=1e-9)
+    assert (loop.refused, loop.zero) == (1, 5.0)
+
+
+def test_after_a_clock_that_stood_still_the_time_is_what_it_was():
+    loop, seen = told([5.0, *[5.002] * 50, 5.102, 5.104])
+    np.testing.assert_allclose(seen, 0.002 * np.arange(53), atol=1e-9)
+    assert loop.zero == 5.0
+
+
+def test_a_loop_that_stood_still_for_long_is_believed_when_its_next_time_goes_on_from_there():
+    _, seen = told([5.0, 5.002, 8.002, 8.004, 8.006])
+    np.testing.assert_allclose(seen, [0.0, 0.002, 0.004, 3.004, 3.006], atol=1e-9)

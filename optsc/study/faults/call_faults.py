@@ -157,7 +157,10 @@ def _mapping(world: World) -> None:
 
 def faults() -> Iterator[Fault]:
     """Yield them all."""
-    before_contact = {mode: holds("moved", "gone", "other") for mode in (Mode.APPROACH, Mode.ADJUST, Mode.ADVANCE)}
+    before_contact = {
+        mode: holds("moved", "gone", "other", "no grasps any more")
+        for mode in (Mode.APPROACH, Mode.ADJUST, Mode.ADVANCE)
+    }
     changed = Expected(goes_on(), goes_on(), goes_on(), before_contact)
     kind = "calls"
 

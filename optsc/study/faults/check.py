@@ -55,7 +55,7 @@ def broken_limits(period: float, record: Record, rows: list[RunRow]) -> Iterator
         yield "a command is not finite"
         return
     jerk, acceleration = (np.array([getattr(one, name) for one in limits]) for name in ("jerk", "acceleration"))
-    velocity = np.array([np.maximum(one.velocity, limits[0].velocity) for one in limits])
+    velocity = np.array([np.maximum(one.velocity, record.limits.velocity) for one in limits])
     lower, upper = (np.array([getattr(one, name) for one in limits]) for name in ("lower", "upper"))
     excess = {
         "continuity": np.abs(q[1:] - q[:-1] - 0.5 * period * (v[1:] + v[:-1])),

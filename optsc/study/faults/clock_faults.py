@@ -214,6 +214,12 @@ LOOP: tuple[tuple[str, float, Inject, Expected], ...] = (
 def faults() -> Iterator[Fault]:
     """Yield them all."""
     for name, lasts, inject, expected, permanent in DEVICE:
-        yield Fault(name, "clock", lasts, inject, expected, permanent)
+        yield Fault(name, "clock", lasts, inject, expected, permanent, recouples=_may_stop(expected))
     for name, lasts, inject, expected in LOOP:
-        yield Fault(name, "loop", lasts, inject, expected, timed=True, permanent=lasts > 0.0 and "slow" in name)
+        permanent = lasts > 0.0 and "slow" in name
+        yield Fault(name, "loop", lasts, inject, expected, permanent, timed=True, recouples=_may_stop(expected))
+
+
+def _may_stop(expected: Expected) -> bool:
+    """Tell whether the arm may stop meanwhile, after which the hand is coupled again where it is."""
+    return expected.manual.name != "goes on"

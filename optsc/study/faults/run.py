@@ -70,6 +70,7 @@ class Record:
     Attributes:
         fault, mode: what was done, and in which mode.
         first: position, velocity, acceleration (n, 3) before it.
+        limits: joint limits before it.
         rows: its ticks.
         again: index of the first tick of the operator who begins again.
         exception: what came out of `step` or of the follower, in words; None for nothing.
@@ -80,6 +81,7 @@ class Record:
     fault: Fault
     mode: Mode
     first: Array
+    limits: Any
     rows: list[RunRow] = field(default_factory=list)
     again: int = 0
     exception: str | None = None
@@ -170,7 +172,8 @@ class _Run:
         self.operator = _Operator(world, mode, self.rng)
         self.injection: Injection = fault.inject(world, self.rng)
         self.every = 1 if fault.quick else int(self.rng.integers(1, 5))
-        self.record = Record(fault, mode, np.column_stack(world.controller.servo.guard.state))
+        guard = world.controller.servo.guard
+        self.record = Record(fault, mode, np.column_stack(guard.state), guard.limits)
         self.clock = world.controller.time
         """The true time [s], which a device's clock and the loop's tell where nothing is wrong."""
         self.begun: float | None = None
