@@ -13,6 +13,7 @@ from . import metrics as metrics
 from . import operators as operators
 from . import people as people
 from . import perception as perception
+from . import real_time as real_time
 from . import records as records
 from . import robot as robot
 from . import sampling as sampling
@@ -37,6 +38,7 @@ from .geometry import Pose as Pose
 from .grasps import GraspLibrary as GraspLibrary
 from .ik.batch import solve_ik as solve_ik
 from .operators import ClutchSettings as ClutchSettings
+from .real_time import RealTime as RealTime
 from .records import Run as Run
 from .robot import RobotModel as RobotModel
 from .robot import load_robot as load_robot
@@ -46,6 +48,8 @@ from .selection import Cascade as Cascade
 from .selection import Hysteresis as Hysteresis
 from .selection import WeightedSum as WeightedSum
 from .selection.selector import GraspSelector as GraspSelector
+from .session import RunCancelled as RunCancelled
+from .session import RunInterrupted as RunInterrupted
 from .session import replay as replay
 from .session import run as run
 from .sim.follower import PyBulletFollower as PyBulletFollower

@@ -24,7 +24,7 @@ from optsc.operators.sample import Button
 from optsc.selection import Ranking
 from optsc.selection.reach import ClearRows, ReachTable
 
-FORMAT = 2
+FORMAT = 3
 """Version of the file format; a newer one is refused."""
 
 
@@ -39,6 +39,7 @@ class Tick(NamedTuple):
         step: the controller's decision.
         objects: true poses of the objects, where the follower knows them.
         elapsed: time that the controller took [s].
+        now: what time the loop said it was [s]; None where it said nothing.
     """
 
     sample: OperatorSample | None
@@ -46,6 +47,7 @@ class Tick(NamedTuple):
     step: ControlStep
     objects: Mapping[str, Pose]
     elapsed: float
+    now: float | None = None
 
     @property
     def time(self) -> float:
@@ -150,6 +152,7 @@ class Run:
             "samples": np.array([_sample_row(tick.sample) for tick in self.ticks]),
             "measured": measured,
             "commands": self.commands,
+            "now": np.array([np.nan if tick.now is None else tick.now for tick in self.ticks]),
             "buttons": np.array([button.name for button in _BUTTONS]),
             "modes": np.array([mode.value for mode in self.modes]),
             "about": np.array(json.dumps({"format": FORMAT, "rate": self.rate, **self.about}, sort_keys=True)),
@@ -162,17 +165,23 @@ _BUTTONS = tuple(Button)
 _OLD_BUTTONS = ("CONFIRM", "CANCEL", "NEXT", "VETO", "NUDGE")
 """What the columns are in files that do not say it."""
 _POSE_COLUMNS = ("stamp", "x", "y", "z", "qw", "qx", "qy", "qz", "clutch", "trigger")
-_COLUMNS = len(_POSE_COLUMNS) + len(_BUTTONS) + 1 + 6  # whether there is a nudge, and the nudge
+_COLUMNS = len(_POSE_COLUMNS) + len(_BUTTONS) + 1 + 6 + 1  # whether there is a nudge, the nudge, lost
+_REFUSED = (*(np.nan,) * 8, *(0.0,) * (_COLUMNS - 8))
+"""Stands for what is no sample: it is refused, too."""
 
 
 def _sample_row(sample: OperatorSample | None) -> list[float]:
     if sample is None:
         return [np.nan] * _COLUMNS
-    X = sample.X_SH
-    pressed = [float(button in sample.buttons) for button in _BUTTONS]
-    nudge = [0.0] * 7 if sample.nudge is None else [1.0, *sample.nudge]
-    flags = (float(sample.clutch), float(sample.trigger))
-    return [sample.stamp, *X.translation, *X.quaternion, *flags, *pressed, *nudge]
+    try:
+        X, lost = sample.X_SH, float(sample.lost)
+        pressed = [float(button in sample.buttons) for button in _BUTTONS]
+        nudge = [0.0] * 7 if sample.nudge is None else [1.0, *sample.nudge]
+        flags = (float(sample.clutch), float(sample.trigger))
+        row = np.array([sample.stamp, *X.translation, *X.quaternion, *flags, *pressed, *nudge, lost], dtype=float)
+    except Exception:  # noqa: BLE001 - whatever a device hands in for a sample, the run can be saved
+        return list(_REFUSED)
+    return row.tolist() if len(row) == _COLUMNS else list(_REFUSED)
 
 
 class RunInputs(NamedTuple):
@@ -183,12 +192,14 @@ class RunInputs(NamedTuple):
         samples: the operator's sample or None, per tick.
         measured: the follower's state, per tick.
         commands: as `Run.commands`.
+        now: what time the loop said it was [s], per tick; None where it said nothing.
     """
 
     about: Mapping[str, Any]
     samples: tuple[OperatorSample | None, ...]
     measured: tuple[FollowerState, ...]
     commands: Array
+    now: tuple[float | None, ...] = ()
 
 
 def load_inputs(path: str | Path) -> RunInputs:
@@ -196,6 +207,7 @@ def load_inputs(path: str | Path) -> RunInputs:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in ("samples", "measured", "commands", "about")}
+            now = file["now"] if "now" in file else np.full(len(arrays["samples"]), np.nan)
             buttons = [Button[name] for name in (file["buttons"].tolist() if "buttons" in file else _OLD_BUTTONS)]
         about = json.loads(str(arrays["about"]))
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
@@ -204,7 +216,9 @@ def load_inputs(path: str | Path) -> RunInputs:
         raise DamagedFile(path, f"has format {about['format']}, and this version reads up to {FORMAT}")
     n = (arrays["commands"].shape[1] - 1) // 3
     measured = tuple(FollowerState(row[-1], row[:n], row[n : 2 * n], row[-2]) for row in arrays["measured"])
-    return RunInputs(about, tuple(_sample(row, buttons) for row in arrays["samples"]), measured, arrays["commands"])
+    samples = tuple(_sample(row, buttons) for row in arrays["samples"])
+    said = tuple(None if np.isnan(time) else time for time in now.tolist())
+    return RunInputs(about, samples, measured, arrays["commands"], said)
 
 
 def _sample(row: Array, columns: Sequence[Button]) -> OperatorSample | None:
@@ -215,5 +229,7 @@ def _sample(row: Array, columns: Sequence[Button]) -> OperatorSample | None:
     # In the first version of the format a row ends here.
     buttons = frozenset(button for button, held in zip(columns, row[len(_POSE_COLUMNS) :], strict=False) if held)
     at = len(_POSE_COLUMNS) + len(columns)
-    nudge = tuple(row[at + 1 :].tolist()) if len(row) > at and row[at] else None
-    return OperatorSample(float(row[0]), X_SH, clutch, trigger, buttons, nudge)
+    nudge = tuple(row[at + 1 : at + 7].tolist()) if len(row) > at and row[at] else None
+    # In the second version there is no column for it.
+    lost = len(row) > at + 7 and bool(row[at + 7])
+    return OperatorSample(float(row[0]), X_SH, clutch, trigger, buttons, nudge, lost)

@@ -12,7 +12,7 @@ import optsc
 ROOT = Path(optsc.__file__).parent
 
 LEVELS = (
-    ("errors", "cache", "processes"),
+    ("errors", "cache", "processes", "real_time"),
     ("checks",),
     ("geometry",),
     ("kernels",),
@@ -23,6 +23,7 @@ LEVELS = (
     ("control",),
     ("records",),
     ("metrics",),
+    ("display",),
     ("session",),
     ("testing",),
     ("collision",),

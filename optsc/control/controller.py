@@ -210,6 +210,11 @@ class SharedController:
             raise
         self.state = state._replace(choice=choice, doubt=doubt, moved=frozenset())
 
+    def hold(self, reason: str) -> None:
+        """Hold from the next tick on, for a reason: the arm comes to rest, and only the operator goes on."""
+        self._change(Event.FAULT)
+        self._set(stop=reason)
+
     def recentre(self) -> None:
         """Turn the operator's station about the vertical so that the hand now heads where the tool does.
 
@@ -259,8 +264,7 @@ class SharedController:
 
     def _tick(self, sample: OperatorSample | None, measured: FollowerState) -> ControlStep:
         before = self.mode
-        steady = self.servo.state.loop.zero is not None
-        monitor, given = self.state.monitor.read(sample, self.time, steady)
+        monitor, given = self.state.monitor.read(sample, self.time, self.servo.state.loop.zero)
         if monitor is not self.state.monitor:
             self._set(monitor=monitor)
         modes = self._modes

@@ -68,13 +68,15 @@ class InputMonitor(NamedTuple):
         lately = self.counts.lately
         return f"the operator's samples have stopped{lately and ': '}{lately}"
 
-    def read(self, sample: OperatorSample | None, time: float, steady: bool) -> tuple[InputMonitor, OperatorInput]:
+    def read(
+        self, sample: OperatorSample | None, time: float, zero: float | None
+    ) -> tuple[InputMonitor, OperatorInput]:
         """Return the monitor after a sample, and what is new in it; one that cannot be used is skipped and counted.
 
         Args:
             sample: as it came, if one did.
             time: now [s].
-            steady: whether that is a real clock, see `ClockMapping.read`.
+            zero: of the clock that the loop tells, if it does, see `ClockMapping.read`.
         """
         if sample is None:
             return self, NOTHING
@@ -84,7 +86,7 @@ class InputMonitor(NamedTuple):
             return self._replace(counts=counts), OperatorInput(None, f"an operator sample was refused: {fault}")
         if sample.lost:
             return self._replace(hand=None), OperatorInput(Event.FAULT, LOST)
-        clock, stamp, refusal = self.clock.read(sample.stamp, time, steady)
+        clock, stamp, refusal = self.clock.read(sample.stamp, time, zero)
         counts = self.counts.using() if stamp is not None else self.counts.skipping(refusal, sample.stamp)
         if stamp is None and refusal is not Refusal.DUPLICATE:
             return self._replace(clock=clock, counts=counts), NOTHING

@@ -212,7 +212,7 @@ class Servo:
     def _take(self, X_WT: Pose, stamp: float | None) -> None:
         """Take in a target where it is usable; one that is not is skipped and counted."""
         ticks, track, stopped, loop, stream = self.state
-        stream, target = stream.read(X_WT, stamp, self.time, loop.zero is not None)
+        stream, target = stream.read(X_WT, stamp, self.time, loop.zero)
         self.state = ServoState(ticks, track, stopped, loop, stream)
         if target is not None:
             self.observe(*target)

@@ -28,7 +28,7 @@ class TargetStream(NamedTuple):
     counts: InputCounts = InputCounts()
 
     def read(
-        self, X_WT: object, stamp: float | None, time: float, steady: bool
+        self, X_WT: object, stamp: float | None, time: float, zero: float | None
     ) -> tuple[TargetStream, StampedPose | None]:
         """Return the stream after a target, and the target where it is usable.
 
@@ -36,7 +36,7 @@ class TargetStream(NamedTuple):
             X_WT: the target, as it came.
             stamp: when it was sampled, on a clock of its own [s]; ``time`` where it is None.
             time: now [s].
-            steady: whether that is a real clock, see `ClockMapping.read`.
+            zero: of the clock that the loop tells, if it does, see `ClockMapping.read`.
         """
         clock, counts = self
         pose = _pose_of(X_WT)
@@ -44,7 +44,7 @@ class TargetStream(NamedTuple):
             return TargetStream(clock, counts.refusing(pose)), None
         if stamp is None:
             return TargetStream(clock, counts.using()), StampedPose(*pose, time)
-        clock, at, refusal = clock.read(stamp, time, steady)
+        clock, at, refusal = clock.read(stamp, time, zero)
         if at is None:
             return TargetStream(clock, counts.skipping(refusal, stamp)), None
         return TargetStream(clock, counts.using()), StampedPose(*pose, at)
@@ -61,8 +61,9 @@ def _pose_of(X_WT: object) -> tuple[Vector, Quaternion] | str:
     if not isinstance(X_WT, Pose):
         return f"target is of type {type(X_WT).__name__}, not a pose"
     p, q = X_WT.translation.tolist(), X_WT.quaternion.tolist()
+    one = X_WT.translation.shape == (3,) and X_WT.quaternion.shape == (4,)
     # Sums of magnitudes carry what is not finite, and do not cancel.
-    finite = len(p) == 3 and len(q) == 4 and abs(p[0]) + abs(p[1]) + abs(p[2]) < FARTHEST
+    finite = one and abs(p[0]) + abs(p[1]) + abs(p[2]) < FARTHEST
     if finite and 0.9 < q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2 < 1.1:
         return (p[0], p[1], p[2]), (q[0], q[1], q[2], q[3])
     return "target is not one finite pose with a unit quaternion"

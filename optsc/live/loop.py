@@ -14,11 +14,10 @@ from optsc.live.hand_mailbox import HandReader
 from optsc.live.layout import SharedParts
 from optsc.live.observer import Lookout, Pipe
 from optsc.live.scene import LiveScene
-from optsc.live.schedule import Schedule
 from optsc.live.settings_block import COLUMNS as SETTINGS
 from optsc.live.settings_block import LiveSettings
 from optsc.live.state_rows import StateRows
-from optsc.operators.live_hand import LiveHand
+from optsc.real_time import RealTime
 from optsc.session import Session
 
 LOOK_EVERY = 25
@@ -55,9 +54,8 @@ class ControlLoop:
         self.controller = scene.controller(self._settings)
         self.follower = scene.follower()
         self._hand = HandReader(parts.hand)
-        self._operator = LiveHand(self._hand, clock)
         self.session = self._started()
-        self.schedule = Schedule(1.0 / scene.choice.rate, clock, sleep)
+        self.schedule = RealTime(clock, sleep)
         self._rows = StateRows(scene, parts)
         self._worst_late = 0.0
         self._lookout = None if pipe is None else Lookout(scene, pipe)
@@ -66,7 +64,7 @@ class ControlLoop:
         candidates, clear = self._scene.start
         return Session.start(
             self.controller,
-            operator=self._operator,
+            operator=self._hand,
             follower=self.follower,
             candidates=candidates,
             clear=clear,
@@ -75,17 +73,17 @@ class ControlLoop:
 
     def tick(self) -> None:
         """Wait for the time of the next tick, and do it."""
-        clock = self.schedule.wait()
+        now = self.schedule.wait(1.0 / self._scene.choice.rate)
         if self._parts.settings.count != self._settings_count:
             self._take_settings()
         if self._lookout is not None and self.session.ticks % LOOK_EVERY == LOOK_EVERY - 1:
             self._lookout.look(self.controller, self._rows.objects)
             self._rows.observed(self._lookout.count, *self._lookout.seen)
-        tick = self.session.tick()
+        tick = self.session.tick(now)
         self._worst_late = max(self._worst_late, self.schedule.late)
         rows, schedule = self._rows, self.schedule
         rows.take(tick, self.session, self._hand.row)
-        self._parts.ticks.push(rows.tick_row(clock, schedule, self._settings_row))
+        self._parts.ticks.push(rows.tick_row(now, schedule, self._settings_row))
         if self.session.ticks % SHOWN_EVERY == 0:
             self._parts.state.write(rows.state_row(schedule, self._worst_late, self._settings_row))
             self._worst_late = 0.0

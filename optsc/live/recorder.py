@@ -45,7 +45,7 @@ MEANING = {
     "raw_p": "position of the hand in the station [m]",
     "raw_q": "its unit quaternion (w, x, y, z)",
     "sample": "1 where the controller was given a sample at this tick",
-    "stamp": "stamp of that sample on the clock of the run [s]",
+    "stamp": "stamp of that sample, on the same clock as its arrival [s]",
     "engaged": "1 while the hand holds the arm",
     "trigger": "1 where the sample had the trigger pressed",
     "buttons": "sum of 2^i over the pressed buttons i",

@@ -56,7 +56,7 @@ def rerun(folder: RunFolder) -> Rerun:
             observations = count
         if number != expected:
             return Rerun(ticks, differing, len(columns.tick) - ticks)
-        step = controller.step(columns.sample(i), columns.measured(i))
+        step = controller.step(columns.sample(i), columns.measured(i), columns.now(i))
         command = np.concatenate([step.command.q, step.command.v, [step.opening]])
         differing += command.tobytes() != columns.command(i).tobytes()
         ticks, expected = ticks + 1, expected + 1
@@ -75,7 +75,7 @@ class _Columns:
 
         self.tick, self.settings = of("tick")[:, 0], of("settings", SETTINGS.size)
         self._observations = np.hstack([of("observations"), of("seen", count), of("seen_q", n)])
-        self._given = of("sample")[:, 0]
+        self._given, self._clock = of("sample")[:, 0], of("clock")[:, 0]
         self._hand = np.hstack([of("stamp"), of("raw_p", 3), of("raw_q", 4)])
         self._flags = np.hstack([of("engaged"), of("trigger"), of("buttons")])
         self._measured = [of("measured_time"), of("q_measured", n), of("v_measured", n), of("opening_measured")]
@@ -91,6 +91,9 @@ class _Columns:
         hand, (engaged, trigger, bits) = self._hand[i], self._flags[i]
         buttons = frozenset(button for k, button in enumerate(BUTTONS) if int(bits) >> k & 1)
         return OperatorSample(float(hand[0]), Pose(hand[4:], hand[1:4]), bool(engaged), bool(trigger), buttons)
+
+    def now(self, i: int) -> float:
+        return float(self._clock[i])
 
     def measured(self, i: int) -> FollowerState:
         time, q, v, opening = (part[i] for part in self._measured)

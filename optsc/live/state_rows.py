@@ -15,7 +15,7 @@ from optsc.live import hand_mailbox
 from optsc.live.hand_mailbox import BUTTONS
 from optsc.live.layout import POSE, REASON, TERMS, SharedParts, text_numbers
 from optsc.live.scene import LiveScene
-from optsc.live.schedule import Schedule
+from optsc.real_time import RealTime
 from optsc.records import Tick
 from optsc.selection import Ranking
 from optsc.session import Session
@@ -103,14 +103,14 @@ class StateRows:
         row, at = self._tick, self._of_tick
         row[at["observations"]], row[at["seen"]], row[at["seen_q"]] = count, poses.ravel(), q
 
-    def tick_row(self, clock: float, schedule: Schedule, settings: Array) -> Array:
+    def tick_row(self, clock: float, schedule: RealTime, settings: Array) -> Array:
         """Return the row for the recorder."""
         row, at = self._tick, self._of_tick
         row[at["clock"]], row[at["late"]], row[at["lost"]] = clock, schedule.late, schedule.lost
         row[at["settings"]] = settings
         return row
 
-    def state_row(self, schedule: Schedule, worst_late: float, settings: Array) -> Array:
+    def state_row(self, schedule: RealTime, worst_late: float, settings: Array) -> Array:
         """Return the row for the page."""
         row, at = self._state, self._of_state
         row[at["late"]], row[at["worst_late"]], row[at["lost"]] = schedule.late, worst_late, schedule.lost

@@ -1,7 +1,6 @@
 """What the operator brings in: samples of a hand, the clutch, filters, devices and recordings."""
 
 from optsc.operators.clutch import ClutchSettings, Slerp
-from optsc.operators.live_hand import LiveHand
 from optsc.operators.mailbox import Mailbox
 from optsc.operators.prediction import PredictionSettings
 from optsc.operators.recorded import HandRecording, Recorded
@@ -11,7 +10,6 @@ __all__ = [
     "Button",
     "ClutchSettings",
     "HandRecording",
-    "LiveHand",
     "Mailbox",
     "Operator",
     "OperatorSample",

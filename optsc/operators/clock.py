@@ -101,6 +101,7 @@ class ClockMapping(NamedTuple):
         ends: when that is over [s].
         suspect: a stamp that does not fit, until the next tells whether the clock has changed.
         restarts: how often it has.
+        told: whether it is the clock that the loop tells.
     """
 
     stamp: float | None = None
@@ -113,22 +114,27 @@ class ClockMapping(NamedTuple):
     ends: float = -inf
     suspect: Suspect | None = None
     restarts: int = 0
+    told: bool = False
 
-    def read(self, stamp: float, arrival: float, steady: bool = False) -> Mapped:
+    def read(self, stamp: float, arrival: float, zero: float | None = None) -> Mapped:
         """Return the mapping after a sample stamped ``stamp`` arrived at ``arrival`` [s], and what becomes of it.
 
         Args:
             stamp: on the device's clock [s].
             arrival: on the loop's clock [s]; never goes back.
-            steady: whether that is a real clock, and not a count of ticks.
+            zero: what the clock that the loop tells reads at the loop's time zero [s]; stamps may be on that clock.
+                None where the loop's time is a count of ticks.
         """
         if type(stamp) is not float:
             stamp = number(stamp)
         if not -LARGEST_STAMP < stamp < LARGEST_STAMP:
             return Mapped(self, None, Refusal.NOT_A_TIME)
-        newest, delay, suspect = self.stamp, arrival - stamp, self.suspect
+        newest, suspect = self.stamp, self.suspect
         if newest is None:
-            return _begun(stamp, arrival, not -NOISE <= delay <= OWN, self)
+            return _first(stamp, arrival, zero, self)
+        if self.told and zero is not None:
+            stamp -= zero
+        delay, steady = arrival - stamp, zero is not None
         if stamp == newest or (suspect is not None and stamp == suspect.stamp):
             return Mapped(self, None, Refusal.DUPLICATE)
         line = self.line
@@ -139,7 +145,7 @@ class ClockMapping(NamedTuple):
 
     def _used(self, stamp: float, arrival: float, delay: float, excess: float, steady: bool) -> Mapped:
         """Return the mapping after a sample that fits; ``delay`` is what the envelope is given."""
-        _, mapped, foreign, line, least, window, quickest, ends, _, restarts = self
+        _, mapped, foreign, line, least, window, quickest, ends, _, restarts, told = self
         if not foreign:
             mapped = max(mapped, min(stamp, arrival))
         else:
@@ -157,7 +163,9 @@ class ClockMapping(NamedTuple):
         elif delay <= quickest[1]:
             quickest = (arrival, delay)
         return Mapped(
-            ClockMapping(stamp, mapped, foreign, line, least, window, quickest, ends, None, restarts), mapped, None
+            ClockMapping(stamp, mapped, foreign, line, least, window, quickest, ends, None, restarts, told),
+            mapped,
+            None,
         )
 
     def _doubted(self, stamp: float, arrival: float, excess: float, steady: bool) -> Mapped:
@@ -195,6 +203,15 @@ class Mapped(NamedTuple):
     refusal: Refusal | None
 
 
+def _first(stamp: float, arrival: float, zero: float | None, nothing: ClockMapping) -> Mapped:
+    """Return the mapping after the first sample: on the loop's clock, on the one that it tells, or on another."""
+    if -NOISE <= arrival - stamp <= OWN:
+        return _begun(stamp, arrival, False, nothing)
+    if zero is not None and -NOISE <= arrival + zero - stamp <= OWN:
+        return _begun(stamp - zero, arrival, False, nothing._replace(told=True))
+    return _begun(stamp, arrival, True, nothing)
+
+
 def _begun(stamp: float, arrival: float, foreign: bool, before: ClockMapping, least: float = inf) -> Mapped:
     """Return a mapping that begins with one sample; ``before`` is what was known of another clock."""
     delay = arrival - stamp
@@ -202,7 +219,9 @@ def _begun(stamp: float, arrival: float, foreign: bool, before: ClockMapping, le
     mapped = min(max(before.mapped, arrival + least - delay if foreign else stamp), arrival)
     line = Line(least, 0.0, arrival) if foreign else Line()
     restarts = before.restarts + (before.stamp is not None)
-    clock = ClockMapping(stamp, mapped, foreign, line, least, (), (arrival, least), arrival + QUARTER, None, restarts)
+    clock = ClockMapping(
+        stamp, mapped, foreign, line, least, (), (arrival, least), arrival + QUARTER, None, restarts, before.told
+    )
     return Mapped(clock, mapped, None)
 
 

@@ -144,8 +144,9 @@ def fault_of(sample: object, previous_stamp: float | None = None) -> str | None:
 
 
 def _pose_fault(X_SH: Pose) -> str | None:
-    if X_SH.translation.ndim != 1:
-        return f"hand pose is a batch of shape {X_SH.shape}, not one pose"
+    if X_SH.translation.shape != (3,) or X_SH.quaternion.shape != (4,):
+        shapes = f"{X_SH.quaternion.shape} and {X_SH.translation.shape}"
+        return f"hand pose has the shapes {shapes}, as a batch has, and is not one pose"
     x, y, z = X_SH.translation.tolist()
     # Squares in plain floats overflow to infinity and carry NaN, so one comparison catches all three.
     if not x * x + y * y + z * z <= POSITION_RANGE * POSITION_RANGE:

@@ -33,6 +33,7 @@ from optsc.metrics import (
 )
 from optsc.operators import Operator
 from optsc.people.simulated import R_WS_DEFAULT
+from optsc.real_time import RealTime
 from optsc.records import Run, Tick
 from optsc.session import run
 from optsc.study.cases import Job
@@ -169,6 +170,7 @@ def play(
     duration: float,
     about: Mapping[str, Any] | None = None,
     on_tick: Callable[[Tick], None] | None = None,
+    clock: RealTime | None = None,
 ) -> Run:
     """Return the run of one episode under ``policy``, the grasp chosen as the paper does; see `optsc.session.run`."""
     return run(
@@ -181,6 +183,7 @@ def play(
         duration=duration,
         about={"policy": policy.name, "goal": setup.scene.goal, **(about or {})},
         on_tick=on_tick,
+        clock=clock,
     )
 
 

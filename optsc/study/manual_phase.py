@@ -11,12 +11,13 @@ import numpy as np
 from optsc.control.controller import SharedController
 from optsc.control.controller_state import ControllerSnapshot, ControlStep
 from optsc.control.modes import Mode
+from optsc.display import Display
 from optsc.errors import InvalidValue
 from optsc.followers import IdealFollower
 from optsc.followers.protocol import FollowerState
 from optsc.geometry import Pose
 from optsc.operators import Operator, OperatorSample
-from optsc.session import Display, Session
+from optsc.session import Session
 from optsc.study.conditions import Condition, OperatorSpec
 from optsc.study.episode_setup import EpisodeSetup
 from optsc.study.motion_recorder import MotionRecorder

@@ -25,6 +25,7 @@ NONE_OF_THEM = {
     "nothing in it": OperatorSample(None, None, None, None, None, None, None),
     "a batch": GOOD._replace(X_SH=Pose.identity((2,))),
     "a look-alike pose": GOOD._replace(X_SH=SimpleNamespace(translation=np.zeros(3), quaternion=np.eye(4)[0])),
+    "a pose of wrong lengths": GOOD._replace(X_SH=Pose(np.zeros(3), np.zeros(4))),
     "a matrix as pose": GOOD._replace(X_SH=np.eye(4)),
     "no clutch": GOOD._replace(clutch=None),
     "two clutches": GOOD._replace(clutch=np.array([True, False])),
@@ -47,8 +48,8 @@ def robot():
 
 @pytest.mark.parametrize("sample", NONE_OF_THEM.values(), ids=NONE_OF_THEM)
 def test_what_is_no_sample_is_refused_with_a_reason_and_nothing_is_raised(sample):
-    monitor, _ = InputMonitor().read(GOOD, 1.0, False)
-    after, given = monitor.read(sample, 1.1, False)
+    monitor, _ = InputMonitor().read(GOOD, 1.0, None)
+    after, given = monitor.read(sample, 1.1, None)
     assert not given.new
     assert given.event is None
     assert "refused" in given.reason
@@ -67,28 +68,28 @@ def test_what_is_no_sample_is_refused_with_a_reason_and_nothing_is_raised(sample
     ],
 )
 def test_what_is_odd_and_clear_is_used(odd):
-    after, given = InputMonitor().read(odd, 1.0, False)
+    after, given = InputMonitor().read(odd, 1.0, None)
     assert given.new
     assert after.counts.refused == 0
     assert after.buttons <= set(Button)
 
 
 def test_late_and_duplicate_samples_are_counted_and_change_nothing():
-    monitor, _ = InputMonitor().read(GOOD, 1.0, False)
-    late, given = monitor.read(GOOD._replace(stamp=0.99, clutch=False, trigger=True), 1.01, False)
+    monitor, _ = InputMonitor().read(GOOD, 1.0, None)
+    late, given = monitor.read(GOOD._replace(stamp=0.99, clutch=False, trigger=True), 1.01, None)
     assert (late.counts.late, given.new, late.clutch, late.trigger) == (1, False, True, False)
-    same, given = late.read(GOOD, 1.02, False)
+    same, given = late.read(GOOD, 1.02, None)
     assert (same.counts.duplicate, given.new, same.arrived) == (1, False, 1.0)
     assert same.silence(1.2, 0.1) == "the operator's samples have stopped: 1 late, 1 duplicate"
 
 
 def test_what_is_pressed_counts_where_the_hand_was_not_seen_again():
-    monitor, _ = InputMonitor().read(GOOD, 1.0, False)
+    monitor, _ = InputMonitor().read(GOOD, 1.0, None)
     again = GOOD._replace(trigger=True, buttons=frozenset({Button.NEXT}), nudge=(0.1,) * 6)
-    pressed, given = monitor.read(again, 1.01, False)
+    pressed, given = monitor.read(again, 1.01, None)
     assert (given.event, given.new, given.pressed, given.nudge) == (Event.TRIGGERED, False, {Button.NEXT}, None)
-    assert pressed.read(again, 1.02, False)[1] == OperatorInput()
-    released, _ = pressed.read(GOOD._replace(clutch=False), 1.03, False)
+    assert pressed.read(again, 1.02, None)[1] == OperatorInput()
+    released, _ = pressed.read(GOOD._replace(clutch=False), 1.03, None)
     assert (released.clutch, released.hand, released.arrived) == (False, monitor.hand, 1.0)
 
 

@@ -2,7 +2,6 @@
 
 import optsc
 from optsc.followers import IdealFollower
-from optsc.followers.paced import PacedFollower
 from optsc.testing import FollowerContract
 
 
@@ -39,10 +38,3 @@ class TestIdealWithoutGripper(FollowerContract):
 
     def make_follower(self, robot):
         return IdealFollower(robot)
-
-
-class TestPaced(FollowerContract):
-    tolerance = 1e-12
-
-    def make_follower(self, robot):
-        return PacedFollower(IdealFollower(robot), clock=lambda: 0.0, sleep=lambda seconds: None)

@@ -15,7 +15,6 @@ from optsc.live.recorder import RunWriter
 from optsc.live.rerun import rerun
 from optsc.live.run_folder import RunFolder
 from optsc.live.scene import LiveScene, SceneChoice
-from optsc.live.schedule import CATCH_UP_LIMIT, Schedule
 from optsc.live.settings_block import LiveSettings
 from optsc.live.state_rows import MODES
 
@@ -274,23 +273,3 @@ def test_every_tick_reaches_the_ring_once_and_in_order(rig):
     ticks = rows[:, rig.parts.tick_columns.at("tick")]
     assert lost == 0
     assert ticks.tolist() == list(range(1, 501))
-
-
-def test_a_late_tick_does_not_move_the_next_and_a_standstill_is_not_caught_up():
-    clock = Clock()
-    schedule = Schedule(PERIOD, clock, clock.sleep)
-    start = schedule.wait()
-    clock.time += 0.0055
-    schedule.wait()
-    assert schedule.late == pytest.approx(0.0035)
-    assert schedule.late_ticks == 1
-    for _ in range(10):
-        schedule.wait()
-    assert clock.time == pytest.approx(start + 11 * PERIOD)
-    assert schedule.lost == 0.0
-    clock.time += CATCH_UP_LIMIT + 1.0
-    schedule.wait()
-    assert schedule.lost == pytest.approx(CATCH_UP_LIMIT + 1.0 - PERIOD)
-    before = clock.time
-    schedule.wait()
-    assert clock.time == pytest.approx(before + PERIOD)

@@ -15,7 +15,7 @@ def mapped(stamps, arrivals, steady=False):
     """Return the mapping, the mapped stamps (NaN where refused) and the refusals."""
     clock, times, refusals = ClockMapping(), [], []
     for stamp, arrival in zip(stamps, arrivals, strict=True):
-        clock, time, refusal = clock.read(stamp, arrival, steady)
+        clock, time, refusal = clock.read(stamp, arrival, 1e5 if steady else None)
         times.append(math.nan if time is None else time)
         refusals.append(refusal)
     return clock, np.array(times), refusals
@@ -35,6 +35,15 @@ def test_stamps_of_the_loops_own_clock_stay_as_they_are_to_the_last_bit(latency,
     assert not clock.foreign
     assert times.tolist() == TRUE.tolist()
     assert set(refusals) == {None}
+
+
+def test_stamps_on_the_clock_that_the_loop_tells_keep_their_latencies():
+    clock, times = ClockMapping(), []
+    for stamp, arrival in zip((TRUE + 1.7e9).tolist(), (TRUE + 0.045).tolist(), strict=True):
+        clock, time, _ = clock.read(stamp, arrival, 1.7e9)
+        times.append(time)
+    assert not clock.foreign
+    np.testing.assert_allclose(times, TRUE, atol=1e-6)
 
 
 @pytest.mark.parametrize("steady", [True, False])

@@ -4,7 +4,6 @@ import pytest
 
 from optsc.geometry import Pose
 from optsc.operators import HandRecording, Mailbox, OperatorSample, Recorded
-from optsc.operators.live_hand import LiveHand
 from optsc.people import TYPES, Simulated
 from optsc.testing import OperatorContract
 from optsc.testing.loop import StraightOperator
@@ -33,19 +32,12 @@ class TestMailbox(OperatorContract):
         return Posted()
 
 
-class TestLiveHand(OperatorContract):
-    def make_operator(self):
-        source = Posted()
-        return LiveHand(source, clock=lambda: source.now + 0.01)
-
-
 class Posted(Mailbox):
     """A mailbox into which a device posts at every third view."""
 
     views = 0
 
     def read(self, view):
-        self.now = view.time
         if self.views % 3 == 0:
             self.post(OperatorSample(view.time, Pose.from_translation([0.001 * self.views, 0.0, 0.0])))
         self.views += 1

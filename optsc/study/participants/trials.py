@@ -10,8 +10,7 @@ from typing import Any
 from optsc.control.arbitration import Arbitration, Trigger
 from optsc.control.policies import make_policy
 from optsc.errors import InvalidValue
-from optsc.followers import Follower
-from optsc.followers.paced import PacedFollower
+from optsc.real_time import RealTime
 from optsc.records import Tick
 from optsc.study.arbitration import PolicyCondition, outcome, play
 from optsc.study.episode_setup import EpisodeSetup
@@ -65,12 +64,12 @@ def _execute(
     context = TrialContext(trial, setup.scene, policy.trigger is Trigger.GRASPS)
     labels = _labels(plan, setup, policy, hand)
     about = {**trial._asdict(), "operator": hand.kind}
-    with setup.follower(gui=gui) as simulated:
-        follower: Follower = PacedFollower(simulated) if paced else simulated
+    clock = RealTime() if paced else None
+    with setup.follower(gui=gui) as follower:
         operator = hand.operator(context)
-        ticks = play(setup, policy, operator, follower, duration=time_limit, about=about, on_tick=on_tick)
-        if isinstance(follower, PacedFollower):
-            labels["time_lost_s"] = follower.lost
+        ticks = play(setup, policy, operator, follower, duration=time_limit, about=about, on_tick=on_tick, clock=clock)
+    if clock is not None:
+        labels["time_lost_s"] = clock.lost
     row = outcome(setup, ticks)
     return TrialResult(ticks, bool(row.pop("success")), {**labels, **row})
 
