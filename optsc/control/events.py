@@ -172,7 +172,7 @@ def _asked_to_go_on(parts: Parts, state: ControllerState, given: OperatorInput, 
     if given.event is not None and isinstance(state.activity, Holding):
         state = state._replace(activity=state.activity.asked_again())
     told = wish is not None or state.arm.silent or elsewhere(parts.servo, state.arm)
-    # Why the arm was stopped says more than that nobody can be heard now.
+    # Why the arm was stopped says more than that no usable sample comes now.
     return Happening(
         state._replace(wish=wish), None, reason or (obstacle if told else "") or ("" if state.stop else silence)
     )
