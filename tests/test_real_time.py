@@ -8,6 +8,8 @@ from optsc.control.modes import Mode
 from optsc.control.status import Status
 from optsc.followers import IdealFollower
 from optsc.geometry import Pose
+from optsc.metrics.interaction import interaction_measures
+from optsc.metrics.motion import Motion
 from optsc.operators import Mailbox, OperatorSample
 from optsc.real_time import RealTime
 from optsc.records import load_inputs
@@ -228,6 +230,20 @@ def test_what_is_no_sample_is_saved_as_one_that_is_refused(robot, tmp_path):
     again = session.replay(controller(robot), inputs)
     assert again.commands.tobytes() == done.commands.tobytes()
     assert [t.mode for t in again] == [t.mode for t in done]
+
+
+@pytest.mark.parametrize("offset", [0.0, 1.7e9, -30.0])
+def test_measures_of_the_hand_do_not_depend_on_the_clock_that_it_was_stamped_by(robot, offset):
+    clock = Clock()
+    done, _ = run(robot, Hand(clock, {300: 0.2}, offset), clock, duration=2.0)
+    motion = Motion.of_run(done, robot)
+    times = np.arange(len(done)) * PERIOD
+    assert len(motion.hand.stamp) > 150
+    assert motion.hand.stamp[0] >= -0.01
+    assert motion.hand.stamp[-1] <= times[-1]
+    assert len(motion.part(0, 500).hand.stamp) == pytest.approx(100, abs=12)
+    # 50 mm there, 88 mm back.
+    assert interaction_measures(motion)["effort_m"] == pytest.approx(0.138, abs=0.01)
 
 
 def test_samples_of_a_mailbox_need_no_restamping(robot):

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from optsc.errors import InvalidValue
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
+from optsc.operators import fault_of
+from optsc.operators.clock import ClockMapping
 
 if TYPE_CHECKING:
     from optsc.records import Run
@@ -41,7 +43,10 @@ def finite_profile(field: str, value: ArrayLike) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class HandMotion:
-    """What the operator's hand did: stamps (S,) [s] since the start, positions (S, 3) [m] in the station frame S."""
+    """What the operator's hand did: stamps (S,) [s] since the start, positions (S, 3) [m] in the station frame S.
+
+    Stamps count ticks, as motions do: where the loop was late, time stood still.
+    """
 
     stamp: Array
     p: Array
@@ -50,6 +55,20 @@ class HandMotion:
     def none(cls) -> HandMotion:
         """Return a hand of which nothing is known."""
         return cls(np.zeros(0), np.zeros((0, 3)))
+
+    @classmethod
+    def of_run(cls, run: Run) -> HandMotion:
+        """Return the usable samples of ``run``, whatever clock they are stamped by."""
+        clock, stamps, places = ClockMapping(), list[float](), list[Array]()
+        for index, tick in enumerate(run.ticks):
+            sample = tick.sample
+            if sample is None or fault_of(sample) or sample.lost:
+                continue
+            clock, at, _ = clock.read(sample.stamp, tick.time, None if tick.now is None else tick.now - tick.time)
+            if at is not None:
+                stamps.append(at if tick.now is None else index / run.rate - (tick.time - at))
+                places.append(sample.X_SH.translation)
+        return cls(np.array(stamps), np.array(places).reshape(-1, 3))
 
     def between(self, start: float, end: float) -> HandMotion:
         """Return the samples from ``start`` up to, but without, ``end`` [s]."""
@@ -90,13 +109,8 @@ class Motion:
     @classmethod
     def of_run(cls, run: Run, robot: RobotModel) -> Motion:
         """Return the whole of ``run``, which ``robot`` made."""
-        samples = [tick.sample for tick in run.ticks if tick.sample is not None]
-        hand = HandMotion(
-            np.array([sample.stamp for sample in samples]),
-            np.array([sample.X_SH.translation for sample in samples]).reshape(-1, 3),
-        )
         modes = [mode.value for mode in run.modes]
-        return cls.of_commands(robot, run.rate, modes, (run.q, run.v, run.a), hand)
+        return cls.of_commands(robot, run.rate, modes, (run.q, run.v, run.a), HandMotion.of_run(run))
 
     @classmethod
     def of_commands(
