@@ -81,7 +81,7 @@ class Servo:
     def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
         """Start from configuration ``q`` (n,) [rad] and velocity ``v`` (n,) [rad/s]; raise `InvalidValue`."""
         self.guard.reset(self.robot.checked(q), v)
-        self.numbers.reference[:] = 0.0
+        self.numbers.reference[:] = self.numbers.waited[:] = 0.0
         self.state = ServoState()
         self._written = None
         self.spent = 0.0
@@ -182,7 +182,7 @@ class Servo:
         if loop.zero is None:
             return command
         status, reason = command.status, command.reason
-        if status is Status.FOLLOWING and loop.lateness:
+        if status in (Status.FOLLOWING, Status.CATCHING_UP) and loop.lateness:
             status, reason = Status.LATE, loop.lateness
         return command._replace(status=status, reason=reason, late=loop.late, missing=loop.missing)
 
@@ -263,14 +263,14 @@ class Servo:
     def _follow(self, elapsed: float, led: float) -> Command:
         """Move one tick towards the target that tracking has been given, see `Tracking.step`."""
         start = perf_counter()
-        velocity, step, verdict = self._tracking.step(elapsed, led)
+        velocity, step, verdict, error = self._tracking.step(elapsed, led)
         if not step.solved:
             return self._stop(Status.UNSOLVED, step.reason)
         state = self.guard.advance(velocity)
         ticks, track, stopped, loop, stream = self.state
         self.state = ServoState(ticks + 1, track, stopped, loop, stream)
         self.spent = perf_counter() - start
-        return Command(*state, *verdict, step.error, step.volume, step.iterations, step.slack, self.guard.outside)
+        return Command(*state, *verdict, error, step.volume, step.iterations, step.slack, self.guard.outside)
 
     def _stop(self, status: Status, reason: str) -> Command:
         start, guard = perf_counter(), self.guard

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from optsc.checks import Checked, NonNegative, Pair, Positive, Share
+from optsc.checks import Checked, NonNegative, OneOf, Pair, Positive, Share
 from optsc.ik import IkSettings
 from optsc.operators.prediction import PredictionSettings
 
@@ -22,7 +22,10 @@ class ServoSettings(Checked):
             has to be guessed; a few hundredths make the motion several times smoother.
         catching_up: speed at most with which a target is caught up with, beside its own [m/s, rad/s].
         timeout: age of the newest target after which the arm comes to rest [s].
-        far: distance and angle to the reference beyond which a target counts as out of reach [m, rad].
+        far: how far the reference goes ahead of the tool at most; a target further off than that counts as out of
+            reach where nothing leads nearer [m, rad].
+        spare_motion: where motion goes that the tool does not need: to the "preferred" configuration (home, or what
+            `Servo.prefer` was given), or "stay": to the configuration in which the arm began to be led.
         prediction: how samples are carried on to the present.
         ik: weights and gains of the quadratic program.
     """
@@ -33,5 +36,6 @@ class ServoSettings(Checked):
     catching_up: Annotated[tuple[float, float], Pair] = (0.5, 1.5)
     timeout: Annotated[float, Positive] = 0.1
     far: Annotated[tuple[float, float], Pair] = (0.05, 0.2)
+    spare_motion: Annotated[str, OneOf(("preferred", "stay"), "spare motion")] = "preferred"
     prediction: PredictionSettings = field(default_factory=PredictionSettings)
     ik: IkSettings = field(default_factory=IkSettings)

@@ -25,19 +25,22 @@ class Numbers:
     ``block`` holds everything, and writing it back restores it.
 
     Attributes:
-        block: all of them (4 n + 19,).
+        block: all of them (4 n + 27,).
         joints: commanded position, velocity and acceleration (n, 3) [rad, rad/s, rad/s^2].
         reference: what the tool is led along (19,), see `REFERENCE`.
         preferred: configuration (n,) [rad] that spare motion goes to.
+        waited: (1,) how long there was little to gain [s], see `optsc.control.settling`.
+        anchor: (7,) position and quaternion of the target at which that time began.
     """
 
-    __slots__ = ("block", "joints", "preferred", "reference")
+    __slots__ = ("anchor", "block", "joints", "preferred", "reference", "waited")
 
     def __init__(self, n: int) -> None:
-        self.block = np.zeros(4 * n + REFERENCE)
+        self.block = np.zeros(4 * n + REFERENCE + 8)
         self.joints = self.block[: 3 * n].reshape(n, 3, order="F")
         self.reference = self.block[3 * n : 3 * n + REFERENCE]
-        self.preferred = self.block[3 * n + REFERENCE :]
+        self.preferred = self.block[3 * n + REFERENCE : -8]
+        self.waited, self.anchor = self.block[-8:-7], self.block[-7:]
 
 
 class ServoState(NamedTuple):

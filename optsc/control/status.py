@@ -1,4 +1,21 @@
-"""Command and status of a tick: what held the motion back, also near a singularity."""
+"""Command and status of a tick: whether the tool is at its target, and what holds it back if not.
+
+The distance that counts is that of the commanded tool to the target that the reference is led to, at the end of the
+tick, in the components of the tool's pose that have a weight, beyond their dead bands. The first line that holds:
+
+| status | when |
+|---|---|
+| `FOLLOWING` | distance <= 1 mm + 20 ms * speed and angle <= 5 mrad + 20 ms * angular speed of the target |
+| `BLOCKED` | a row of collision avoidance holds the wished velocity back |
+| `LIMITED` | the wished velocity of a joint is at an end of its viable interval |
+| `SINGULAR` | manipulability below a tenth of the arm's typical one, and most of the error in the lost direction |
+| `UNREACHABLE` | the target rests, and nothing leads nearer |
+| `CATCHING_UP` | none of these: the tool is on its way |
+
+With little to gain (see `optsc.control.settling`) and the tool beyond `ServoSettings.far` from its target, the three in
+the middle are `UNREACHABLE`, too, with the same reason. While following, the reason is empty, or says that a joint
+still moves for the preferred configuration although the target rests.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +32,14 @@ from optsc.shaping import JointGuard
 
 LENGTH = 0.15
 """Metres that a radian counts for where linear and angular velocities are compared: the reach of a gripper."""
+FOLLOWING_WITHIN = (1e-3, 5e-3)
+"""Distance and angle [m, rad] of a following tool to a target at rest."""
+FOLLOWING_DELAY = 0.02
+"""How far behind a moving target it may be besides [s] (tuned here)."""
+STILL = 0.02
+"""Share of a joint's greatest velocity from which on its motion beside a target at rest is told (tuned here)."""
+ROUNDING = 1e-6
+"""Share of a bound that counts as rounding: what a QP solver leaves."""
 DIRECTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
@@ -22,6 +47,7 @@ class Status(Enum):
     """What a tick did; `Command.reason` says why, in words."""
 
     FOLLOWING = "following"
+    CATCHING_UP = "catching up with the target"
     LIMITED = "held back by a joint limit"
     BLOCKED = "held back by something near"
     SINGULAR = "near a singularity"
@@ -42,7 +68,8 @@ class Command(NamedTuple):
         q, v, a: position, velocity and acceleration (n,) [rad, rad/s, rad/s^2]; a is the difference of v per tick.
         status: what the tick did.
         reason: why, in words; empty while following.
-        error: reference minus commanded tool pose (6,), in the tool frame [m, rad].
+        error: target minus commanded tool pose (6,), in the tool frame, in the components that have a weight, beyond
+            their dead bands [m, rad]; zero where the arm is led to no target.
         volume: Yoshikawa's index at the commanded configuration.
         iterations: of the solver.
         slack: how far the velocities had to miss the rows of collision avoidance [m/s]; zero while none had to give.
@@ -74,54 +101,98 @@ def error_text(error: Exception) -> str:
 
 
 class Verdict(NamedTuple):
-    """What held the motion of a tick back, and why, in words; the reason is empty while following."""
+    """What held the motion of a tick back, and why, in words."""
 
     status: Status
     reason: str
+
+    @classmethod
+    def following(cls, robot: RobotModel, velocity: Array) -> Verdict:
+        """Return the verdict on a tool at a target at rest, whose joints have the velocity (n,) [rad/s]."""
+        share = np.abs(velocity) / robot.limits.velocity
+        joint = int(np.argmax(share))
+        if share[joint] < STILL:
+            return FOLLOWING
+        return cls(Status.FOLLOWING, f"{robot.joint_names[joint]} moves for the preferred configuration")
 
 
 FOLLOWING = Verdict(Status.FOLLOWING, "")
 
 
-def held_back(robot: RobotModel, guard: JointGuard, wanted: Array, near: Nearness | None, far: bool) -> Verdict:
-    """Return what holds the velocity ``wanted`` (n,) [rad/s] back at this tick.
+def within(sizes: tuple[float, float], speeds: tuple[float, float]) -> bool:
+    """Tell whether distance and angle [m, rad] to a target of these speeds [m/s, rad/s] count as following."""
+    pairs = zip(sizes, FOLLOWING_WITHIN, speeds, strict=True)
+    return all(size <= (most + FOLLOWING_DELAY * speed) * (1.0 + ROUNDING) for size, most, speed in pairs)
+
+
+class Miss(NamedTuple):
+    """How a tool misses its target.
+
+    Attributes:
+        error: (6,) in the tool frame, in the components that count [m, rad].
+        sizes: its distance and angle [m, rad].
+        far: whether it is beyond `ServoSettings.far`.
+        stalled: whether there is little to gain, see `optsc.control.settling`.
+        singular: whether the manipulability is low.
+    """
+
+    error: Array
+    sizes: tuple[float, float]
+    far: bool
+    stalled: bool
+    singular: bool
+
+
+def judge(robot: RobotModel, guard: JointGuard, wished: Array, near: Nearness | None, miss: Miss) -> Verdict:
+    """Return why the tool is not at its target; the table of the module says what holds when.
 
     Args:
         robot: the arm.
-        guard: its joints, whose viable interval ``wanted`` lies in.
-        wanted: the velocity that the arm is given.
-        near: the pair of bodies that avoidance keeps apart here, if any.
-        far: whether the target is so far that it counts as out of reach.
+        guard: its joints, before they move.
+        wished: the velocity (n,) [rad/s] that the quadratic program wished.
+        near: the pair of bodies that avoidance keeps apart there, if any.
+        miss: how the tool misses its target.
     """
+    found = held_back(robot, guard, wished, near)
+    if found is None and miss.singular:
+        found = near_singularity(robot, guard.q, miss.error)
+    if found is not None:
+        return found._replace(status=Status.UNREACHABLE) if miss.far and miss.stalled else found
+    if miss.stalled:
+        return Verdict(Status.UNREACHABLE, f"no joint leads nearer than {_distance(miss.sizes)}")
+    return Verdict(Status.CATCHING_UP, f"{_distance(miss.sizes)} behind")
+
+
+def _distance(sizes: tuple[float, float]) -> str:
+    return f"{1e3 * sizes[0]:.1f} mm and {np.degrees(sizes[1]):.1f} degrees"
+
+
+def held_back(robot: RobotModel, guard: JointGuard, wished: Array, near: Nearness | None) -> Verdict | None:
+    """Return what holds a wished velocity (n,) back, if anything does: something near, or a limit of a joint."""
     if near is not None:
-        reason = f"{near.link} is {1e3 * near.distance:.0f} mm from {near.other}"
-        return Verdict(Status.UNREACHABLE if far else Status.BLOCKED, reason)
-    at_low, at_high = wanted <= guard.lowest, wanted >= guard.highest
+        return Verdict(Status.BLOCKED, f"{near.link} is {1e3 * near.distance:.0f} mm from {near.other}")
+    room = ROUNDING * guard.limits.velocity
+    at_low, at_high = wished <= guard.lowest + room, wished >= guard.highest - room
     if not (at_low | at_high).any():
-        return Verdict(Status.UNREACHABLE, "no joint leads nearer") if far else FOLLOWING
+        return None
     joint = int(np.argmax(at_low | at_high))
     bound = Bound(int(guard.bounds[joint, int(at_high[joint])]))
-    reason = f"{robot.joint_names[joint]}: {bound.name.lower()}"
-    return Verdict(Status.UNREACHABLE if far else Status.LIMITED, reason)
+    return Verdict(Status.LIMITED, f"{robot.joint_names[joint]}: {bound.name.lower()}")
 
 
-def near_singularity(robot: RobotModel, q: Array, error: Array, verdict: Verdict) -> Verdict:
-    """Return the verdict on an arm near a singularity: that it lags in the direction it is losing, if it does.
+def near_singularity(robot: RobotModel, q: Array, error: Array) -> Verdict | None:
+    """Return that an arm near a singularity lags in the direction it is losing, if it does.
 
     Args:
         robot: the arm.
         q: its configuration (n,) [rad].
-        error: reference minus tool pose (6,), in the tool frame [m, rad].
-        verdict: what holds it back besides.
+        error: target minus tool pose (6,), in the tool frame [m, rad].
     """
-    if verdict.status in (Status.LIMITED, Status.BLOCKED):
-        return verdict
     lost = lost_direction(robot, q)
     if towards(lost, error) < 0.5:
-        return verdict
+        return None
     reason = f"motion {lost.name} of the tool is lost (least singular value {lost.singular_value:.3f} m)"
-    status = verdict.status if verdict.status is Status.UNREACHABLE else Status.SINGULAR
-    return Verdict(status, reason)
+    return Verdict(Status.SINGULAR, reason)
 
 
 class LostDirection(NamedTuple):

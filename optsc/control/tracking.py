@@ -7,47 +7,57 @@ the reference waits for it. What is written here is in `Numbers`, so that it is 
 
 from __future__ import annotations
 
-from math import exp
+from math import exp, hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from optsc.control.servo_settings import ServoSettings
+from optsc.control.settling import AT_REST, Descent, moved, settle
 from optsc.control.state import Numbers
-from optsc.control.status import FOLLOWING, Status, Verdict, held_back, near_singularity
-from optsc.geometry import Pose, scalar
+from optsc.control.status import FOLLOWING, Miss, Verdict, judge, within
+from optsc.geometry import scalar
 from optsc.geometry.rotation import Array
 from optsc.ik import DifferentialIK, ramp_time, tool_braking
 from optsc.ik.avoidance import Avoidance
-from optsc.ik.differential import IkStep
+from optsc.ik.differential import IkStep, smoothness
+from optsc.ik.solvers import Rows
 from optsc.kernels.kernel import build_kernel
+from optsc.kernels.pose_task import pose_error
 from optsc.kernels.reference import ReferenceSettings, reference_model
-from optsc.kernels.viable import Bound
 from optsc.operators import prediction
+from optsc.robot.manipulability import typical_volume
 from optsc.shaping import JointGuard
 
-NEAR = 0.99
-"""Share of the square of `ServoSettings.far` up to which a target is within reach."""
 SINGULAR_SHARE = 0.1
-"""Share of the manipulability at home below which the arm may be losing a direction (tuned here)."""
-NOTICEABLE = (1e-3, 5e-3)
-"""Distance and angle to the reference [m, rad] up to which the arm counts as following, whatever limit it touches
-(tuned here): half of what the tool may be off."""
-BEHIND = (4e-3, 2e-2)
-"""Distance and angle of the reference to its target [m, rad] from which on an arm at a limit counts as held back even
-where the reference has waited for it (tuned here): a quick hand is half of that ahead of a free arm."""
+"""Share of the arm's typical manipulability below which it may be losing a direction (tuned here)."""
+NEAR = 0.8
+"""Share of `ServoSettings.far` from which on the reference begins to wait for the arm (tuned here)."""
+STALLED = 0.1
+"""Time [s] without much to gain after which nothing counts as leading nearer (tuned here)."""
+LAGGING = (5e-3, 0.02)
+"""Distance and angle [m, rad] of the tool to the reference up to which the reference does not wait (tuned here)."""
 WAITING = 9e-3
-"""Time constant [s] with which the reference goes to an arm that is at a limit of its rates (tuned here)."""
+"""Time constant [s] with which a reference that waits takes on the target's own velocity (tuned here)."""
 
 _PARTS = (ReferenceSettings.LINEAR, ReferenceSettings.ANGULAR)
+_RATES = (slice(7, 10), slice(13, 16)), (slice(10, 13), slice(16, 19))  # velocity, acceleration of a reference
 
 
 class TrackingStep(NamedTuple):
-    """One tick's answer: the joint velocity (n,) [rad/s] within its bounds, the IK's step, and what held it back."""
+    """One tick's answer.
+
+    Attributes:
+        velocity: of the joints (n,) [rad/s], within their bounds.
+        ik: the IK's step.
+        verdict: what holds the tick back.
+        error: (6,) of the commanded tool to the target at the end of the tick, see `Command.error`.
+    """
 
     velocity: Array
     ik: IkStep
     verdict: Verdict
+    error: Array
 
 
 class Tracking:
@@ -56,7 +66,7 @@ class Tracking:
     Args:
         ik: the quadratic program, for ticks of the servo.
         settings: how a target is followed.
-        numbers: the servo's; joints are read, the reference is written.
+        numbers: the servo's; joints are read, reference and waiting time are written.
         guard: of the joints.
         avoid: what the arm keeps clear of, if anything.
     """
@@ -74,21 +84,32 @@ class Tracking:
         self._model = build_kernel(reference_model(prediction.FADING))
         self._model.bind(0, numbers.reference)
         self._reference, self._target, self._elapsed, values, period, self._led = self._model.inputs
-        self._next_reference, self._gap = self._model.outputs
+        self._next_reference, self._end = self._model.outputs
         limits = self.robot.limits
         # An arm that ramps its accelerations slowly cannot follow a quick reference.
         values[ReferenceSettings.BANDWIDTH] = min(settings.bandwidth, 1.0 / ramp_time(limits))
         for part, *pair in zip(_PARTS, tool_braking(limits), settings.catching_up, strict=True):
             values[part] = pair
         period[:] = ik.period
+        self._braking = tool_braking(limits) if settings.ik.braking is None else settings.ik.braking
         self._waiting = 1.0 - exp(-ik.period / WAITING)
-        self._singular_volume = SINGULAR_SHARE * ik.volume(self.robot.home)
+        self._smoothness, share = smoothness(settings.ik.smoothing, ik.period)
+        self._onward = share * ik.period
+        self._singular_volume = SINGULAR_SHARE * typical_volume(self.robot)
+        self._pose_error = build_kernel(pose_error(self.robot.chain))
+        self._pose_error.bind(0, numbers.joints)
+        _, self._velocity, self._pose, of_tick = self._pose_error.inputs
+        of_tick[:] = *settings.ik.components, ik.period
+        (self._error,) = self._pose_error.outputs
 
     def start(self) -> None:
         """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""
         q, v, _ = self.guard.state
         X_WT, twist = self.robot.forward(q), self.robot.jacobian(q) @ v
         self._reference[:] = np.concatenate([X_WT.translation, X_WT.quaternion, twist, np.zeros(6)])
+        self.numbers.waited[0] = 0.0
+        if self.settings.spare_motion == "stay":
+            self.numbers.preferred[:] = q
 
     def aim(self, target: tuple[float, ...]) -> None:
         """Take a target (19,) in W: position, quaternion, twist and its derivative, at a time of its own."""
@@ -105,68 +126,79 @@ class Tracking:
         lowest, highest = guard.lowest, guard.highest
         # Copies: avoidance may be a user's, and what it writes there must not become the state or its limits.
         rows = None if self.avoid is None else self.avoid.rows(guard.q.copy(), lowest.copy(), highest.copy())
+        speeds = self._speeds()
+        pace = max(speeds[0] / AT_REST[0], speeds[1] / AT_REST[1])
+        twist = self._next_reference[7:13]
         step = self.ik.solve(
-            guard.columns, reference[:7], self._next_reference[7:13], numbers.preferred, lowest, highest, rows
+            guard.columns, reference[:7], twist, numbers.preferred, lowest, highest, rows, min(pace, 1.0)
         )
         reference[:] = self._next_reference
         if not step.solved:
-            return TrackingStep(step.velocity, step, FOLLOWING)
-        # A little inside, or a reference that waits at just this distance would count as near at every other tick.
-        squares = _squares(step.error)
-        far = _exceeds(squares, self.settings.far, NEAR)
-        gap = self._gap.tolist()
-        noticeable = _exceeds(squares, NOTICEABLE) or gap[0] > BEHIND[0] or gap[1] > BEHIND[1]
-        if far:
-            self._wait()
-        wanted = np.minimum(np.maximum(step.velocity, guard.lowest), guard.highest)
-        verdict = FOLLOWING
-        if noticeable:
-            near = None if self.avoid is None else self.avoid.blocking(wanted.copy())
-            verdict = held_back(self.robot, guard, wanted, near, far)
-        if verdict.status is Status.LIMITED:
-            self._yield(wanted)
-        if step.volume < self._singular_volume and noticeable:
-            verdict = near_singularity(self.robot, guard.q, step.error, verdict)
-        return TrackingStep(wanted, step, verdict)
+            return TrackingStep(step.velocity, step, FOLLOWING, step.error)
+        velocity = np.minimum(np.maximum(self._settled(step, pace, rows), lowest), highest)
+        self._wait(step.error)
+        return TrackingStep(velocity, step, *self._judged(step, velocity, speeds, pace))
 
-    def _wait(self) -> None:
-        """Let the reference wait for an arm that cannot follow, so that there is no distance to make up in a rush."""
-        X_WT, reference = self._tool(), self._reference
-        tool_q = tuple(X_WT.quaternion.tolist())
-        far_p, far_r = self.settings.far
-        ahead = scalar.shortened(tuple((reference[:3] - X_WT.translation).tolist()), far_p)
-        turn = scalar.log(scalar.multiply(tuple(reference[3:7].tolist()), scalar.conjugate(tool_q)))
-        reference[:3] = X_WT.translation + ahead
-        reference[3:7] = scalar.multiply(scalar.exp(scalar.shortened(turn, far_r)), tool_q)
+    def _judged(self, step: IkStep, velocity: Array, speeds: tuple[float, float], pace: float) -> tuple[Verdict, Array]:
+        """Return what holds the tick back, and the error (6,) of the tool to the target at its end."""
+        self._pose[:], self._velocity[:] = self._end[:7], velocity
+        self._pose_error.run()
+        error = self._error.copy()
+        x, y, z, a, b, c = error.tolist()
+        sizes = sqrt(x * x + y * y + z * z), sqrt(a * a + b * b + c * c)
+        if within(sizes, speeds):
+            return (FOLLOWING if pace >= 1.0 else Verdict.following(self.robot, velocity)), error
+        far = sizes[0] > self.settings.far[0] or sizes[1] > self.settings.far[1]
+        stalled = float(self.numbers.waited[0]) > STALLED
+        miss = Miss(error, sizes, far, stalled, step.volume < self._singular_volume)
+        # Judged is what was wished, not what was given of it.
+        near = None if self.avoid is None else self.avoid.blocking(step.velocity.copy())
+        return judge(self.robot, self.guard, step.velocity, near, miss), error
 
-    def _tool(self) -> Pose:
-        return self.robot.forward(self.guard.q)
+    def _speeds(self) -> tuple[float, float]:
+        """Return the target's speeds [m/s, rad/s]."""
+        x, y, z, a, b, c = self._end[7:13].tolist()
+        return sqrt(x * x + y * y + z * z), sqrt(a * a + b * b + c * c)
 
-    def _yield(self, wanted: Array) -> None:
-        """Lead the reference to an arm that a limit of its rates holds back, so that it does not have to run after.
+    def _settled(self, step: IkStep, pace: float, rows: Rows | None) -> Array:
+        """Return what is given of the wished velocity where there is little to gain, see `optsc.control.settling`."""
+        _, v, a = self.guard.columns
+        weight = self._smoothness
+        # What the smoothness task has made of the wish is undone, or an arm at rest would seem to have none.
+        wish = (1.0 + weight) * step.velocity - weight * (v + self._onward * a)
+        waited, anchor = self.numbers.waited, self.numbers.anchor
+        if waited[0] == 0.0 or moved(anchor, self._end[:3], self._end[3:7]):
+            waited[0], anchor[:] = 0.0, self._end[:7]
+        descent = Descent(step.descent[:-2], *step.descent[-2:].tolist())
+        share, waited[0] = settle(descent, wish, self.guard.limits.velocity, pace, float(waited[0]), self.ik.period)
+        # Rows that lead the arm away from something have to be kept.
+        if share == 1.0 or (rows is not None and (rows.lower > 0.0).any()):
+            return step.velocity
+        return step.velocity - (1.0 - share) / (1.0 + weight) * wish
 
-        An arm that presses against the end of a joint is left alone: there is nothing that it could catch up with.
+    def _wait(self, error: Array) -> None:
+        """Let the reference wait for an arm that has fallen behind, so that there is no distance to make up in a rush.
+
+        By what it draws away faster than the target moves is limited to what the pull towards it leaves of the speed of
+        catching up, and near the greatest distance to nothing.
         """
-        guard, reference = self.guard, self._reference
-        bounds = np.where(wanted <= guard.lowest, guard.bounds[:, 0], -1.0)
-        bounds = np.where(wanted >= guard.highest, guard.bounds[:, 1], bounds)
-        if (bounds == Bound.POSITION).any():
+        x, y, z, a, b, c = error.tolist()
+        if hypot(x, y, z) <= LAGGING[0] and hypot(a, b, c) <= LAGGING[1]:
             return
-        share = self._waiting
-        X_WT, own = self._tool(), tuple(reference[3:7].tolist())
-        back = scalar.log(scalar.multiply(tuple(X_WT.quaternion.tolist()), scalar.conjugate(own)))
-        turn = scalar.exp((share * back[0], share * back[1], share * back[2]))
-        reference[:3] += share * (X_WT.translation - reference[:3])
-        reference[3:7] = scalar.multiply(turn, own)
-        reference[7:13] += share * (self.robot.jacobian(guard.q) @ wanted - reference[7:13])
-
-
-def _squares(error: Array) -> tuple[float, float]:
-    """Return the squares of distance and angle of a pose error (6,)."""
-    x, y, z, a, b, c = error.tolist()
-    return x * x + y * y + z * z, a * a + b * b + c * c
-
-
-def _exceeds(squares: tuple[float, float], limits: tuple[float, float], share: float = 1.0) -> bool:
-    """Tell whether a pose error is beyond a distance or an angle; ``share`` scales their squares."""
-    return squares[0] > share * limits[0] ** 2 or squares[1] > share * limits[1] ** 2
+        reference, far, ik = self._reference, self.settings.far, self.ik
+        X_WT = self.robot.forward(self.guard.q)
+        tool_q = tuple(X_WT.quaternion.tolist())
+        turn = scalar.log(scalar.multiply(tuple(reference[3:7].tolist()), scalar.conjugate(tool_q)))
+        aheads = reference[:3] - X_WT.translation, np.array(turn)
+        for k, (ahead, (velocity, acceleration)) in enumerate(zip(aheads, _RATES, strict=True)):
+            size = sqrt(float(ahead @ ahead))
+            pull = min(ik.gain * size, sqrt(self._braking[k] * size))
+            firmness = min(max((size / far[k] - NEAR) / (1.0 - NEAR), 0.0), 1.0)
+            allowed = (1.0 - firmness) * max(self.settings.catching_up[k] - pull, 0.0)
+            away = ahead / (size + 1e-12)
+            excess = float(away @ (reference[velocity] - self._end[velocity])) - allowed
+            if excess > 0.0:
+                reference[velocity] -= self._waiting * excess * away
+                reference[acceleration] -= self._waiting * max(float(away @ reference[acceleration]), 0.0) * away
+        reference[:3] = X_WT.translation + scalar.shortened(tuple(aheads[0].tolist()), far[0])
+        reference[3:7] = scalar.multiply(scalar.exp(scalar.shortened(turn, far[1])), tool_q)

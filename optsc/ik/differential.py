@@ -4,9 +4,9 @@ With x (n,) [rad/s] the joint velocity of the next tick, s (m,) the slacks of th
 in its own frame, so that a weight belongs to one degree of freedom of the tool:
 
     minimise  0.5 * sum((w * (J @ x - V))**2)                       tool task
-            + 0.5 * w_p * sum((x - k_p * (q_p - q))**2)             posture task
-            + 0.5 * w_s * sum((x - (v + r * T * a))**2)             smoothness task
-            + 0.5 * (d + c * sum((w * shortened(e))**2)) * sum(x**2)   damping
+            + 0.5 * w_p * sum((x - h)**2)                           posture task
+            + 0.5 * (d + c) * sum(x**2)                             damping
+            + 0.5 * w_s * sum((M @ (x - v - r * T * a))**2)         smoothness task
             + 0.5 * w_r * sum(s**2)                                 slack of soft rows
 
     within    lowest <= x <= highest                                bounds [rad/s]
@@ -14,14 +14,21 @@ in its own frame, so that a weight belongs to one degree of freedom of the tool:
 
 * q, v, a (n,): joint positions, velocities, accelerations; T the period [s]; J (6, n) the tool's Jacobian.
 * e (6,): the reference's pose minus the present one [m, rad]; inside a dead band (`position_tolerance`) zero.
-* V (6,): the reference's twist plus e at a gain k [1/s], but no faster than the tool can brake with b: per part of e,
+* V (6,): the reference's twist plus e at a gain k [1/s], but no faster than the tool can brake with b, nor than the
+  joints can stop in the time t: per part of e,
 
-      V = twist + min(k, sqrt(b / norm(e))) * e                     [m/s, rad/s]
+      V = twist + min(k, sqrt(b / norm(e)), 1 / t) * e              [m/s, rad/s]
 
-* w (6,) [1/m, 1/rad]: `position_weight` and `orientation_weight`, zero inside a dead band; w_p, k_p: `posture_weight`,
-  `posture_gain` towards the posture q_p, of endless joints the shorter way; d, c:
-  `damping`, `error_damping`; w_s, r: see `smoothness`.
-* `shortened` cuts distance and angle to `largest_error`.
+* t [s]: how long the joints take to brake from what they move besides following the twist.
+* w (6,) [1/m, 1/rad]: `position_weight` and `orientation_weight`, zero inside a dead band; w_p: `posture_weight`.
+* h (n,): `posture_gain` times the way to the posture q_p (of endless joints the shorter one), no faster than
+  `posture_speed`; less where the tool is on its reference and the target rests, at rest nothing.
+* d: `damping`; c: damping against curvature, with l the greatest lever of a joint [m] and P the pull V - twist:
+
+      c = 0.2 * (l * norm(w**2 * P)[linear] + norm(w**2 * P)[angular]) * (1 / k + 0.5 * t)
+
+* M' M is the Hessian of the first three terms, so that the smoothness task is the same filter in every direction of the
+  joints; w_s, r: see `smoothness`.
 * lowest, highest (n,): the viable interval of every joint, which comes from outside.
 * G (m, n), lower, upper, w_r: `Rows`, such as distances that must not fall faster; hard (s = 0) without a weight. There
   are no equality constraints.
@@ -60,8 +67,6 @@ GAIN_PER_TICK = 0.3
 """Share of an error that one tick may take back; more lets the discrete loop overshoot."""
 GAIN_PER_RAMP = 0.5
 """Share of an error that may be taken back while an acceleration is ramped up; more oscillates."""
-TYPICAL_WEIGHT = 0.0625
-"""What one joint's velocity weighs in the tool task of an arm [m^2]: a lever of a quarter of a metre."""
 LEVER = (0.4, 0.5)
 """Tool motion per joint motion that the weakest joint is counted on for [m/rad, rad/rad]; cautious for arms."""
 
@@ -75,13 +80,13 @@ def tool_braking(limits: JointLimits) -> tuple[float, float]:
 def smoothness(time_constant: float, period: float) -> tuple[float, float]:
     """Return the weight of the smoothness task and the share of the acceleration that goes on.
 
-    With z = exp(-T / time_constant) the task 1/2 w || q' - v - share T a ||^2, against a tool task of a typical weight,
-    is a filter with a double pole at z: the same in seconds at every rate.
+    With z = exp(-T / time_constant) the task, in the metric of all others together, is a filter of their solution with
+    a double pole at z: the same in seconds at every rate.
     """
     if time_constant == 0.0:
         return 0.0, 0.0
     z = float(np.exp(-period / time_constant))
-    return TYPICAL_WEIGHT * (2.0 * z - z * z) / (1.0 - z) ** 2, z / (2.0 - z)
+    return (2.0 * z - z * z) / (1.0 - z) ** 2, z / (2.0 - z)
 
 
 def ramp_time(limits: JointLimits) -> float:
@@ -101,15 +106,15 @@ class IkSettings(Checked):
         gain: how fast a small pose error decays [1/s].
         braking: deceleration of the tool that catching up counts on [m/s^2, rad/s^2]; bounds its speed. By default
             what the weakest joint gives at `LEVER`.
-        largest_error: distance and angle that count at most for the damping [m, rad].
         posture_weight: weight of the posture task, small against the others [1].
         posture_gain: how fast spare motion goes to the posture [1/s].
+        posture_speed: of spare motion at most, over all joints together [rad/s]. While the tool is on its target and
+            the target rests, there is no spare motion.
         manipulability_gain: how strongly spare motion climbs the gradient of the penalised manipulability, in the
             velocity of the posture task [rad/s per unit of M and rad]; zero leaves it out.
         smoothing: time constant of the change of joint velocity [s]: when a joint saturates and the tool falls behind,
             the others take over smoothly; zero for none.
         damping: weight on joint speed; bounds it near singularities [1].
-        error_damping: further damping per squared weighted error; calms the arm where a target is out of reach [1].
     """
 
     position_weight: Annotated[tuple[float, float, float], Each(NonNegative)] = (1.0, 1.0, 1.0)
@@ -118,13 +123,12 @@ class IkSettings(Checked):
     orientation_tolerance: Annotated[tuple[float, float, float], Each(NonNegative)] = (0.0, 0.0, 0.0)
     gain: Annotated[float, NonNegative] = 20.0
     braking: Annotated[tuple[float, float] | None, Each(NonNegative)] = None
-    largest_error: Annotated[tuple[float, float], Each(NonNegative)] = (0.03, 0.1)
     posture_weight: Annotated[float, NonNegative] = 1e-4
     posture_gain: Annotated[float, NonNegative] = 1.0
+    posture_speed: Annotated[float, NonNegative] = 0.2
     manipulability_gain: Annotated[float, NonNegative] = 0.0
     smoothing: Annotated[float, NonNegative] = 5e-3
     damping: Annotated[float, NonNegative] = 1e-5
-    error_damping: Annotated[float, NonNegative] = 20.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -133,19 +137,28 @@ class IkSettings(Checked):
         if self.damping + self.posture_weight <= 0:
             raise InvalidValue("damping", self.damping, "positive where there is no posture task")
 
+    def feasible_gain(self, limits: JointLimits, period: float) -> float:
+        """Return the gain [1/s] for joints of ``limits`` and ticks of ``period`` [s]: less where they are slow."""
+        return min(self.gain, GAIN_PER_TICK / period, GAIN_PER_RAMP / ramp_time(limits))
+
+    @property
+    def components(self) -> Array:
+        """Which components of the tool's pose count (6,), one or zero, and their tolerances (6,), as `pose_error`."""
+        weights = (*self.position_weight, *self.orientation_weight)
+        return np.array([*(float(w > 0) for w in weights), *self.position_tolerance, *self.orientation_tolerance])
+
     def vector(self, limits: JointLimits, period: float) -> Array:
         """Return the settings as `pose_task` reads them, for joints of ``limits`` and ticks of ``period`` [s]."""
         s = np.zeros(PoseTaskSettings.SIZE)
         s[PoseTaskSettings.WEIGHTS] = (*self.position_weight, *self.orientation_weight)
         s[PoseTaskSettings.TOLERANCE] = (*self.position_tolerance, *self.orientation_tolerance)
-        s[PoseTaskSettings.GAIN] = min(self.gain, GAIN_PER_TICK / period, GAIN_PER_RAMP / ramp_time(limits))
+        s[PoseTaskSettings.GAIN] = self.feasible_gain(limits, period)
         s[PoseTaskSettings.BRAKING] = tool_braking(limits) if self.braking is None else self.braking
-        s[PoseTaskSettings.LARGEST_ERROR] = self.largest_error
         s[PoseTaskSettings.POSTURE_WEIGHT] = self.posture_weight
         s[PoseTaskSettings.POSTURE_GAIN] = self.posture_gain
+        s[PoseTaskSettings.POSTURE_SPEED] = self.posture_speed
         s[PoseTaskSettings.SMOOTHNESS] = smoothness(self.smoothing, period)[0]
         s[PoseTaskSettings.DAMPING] = self.damping
-        s[PoseTaskSettings.ERROR_DAMPING] = self.error_damping
         return s
 
 
@@ -160,6 +173,7 @@ class IkStep(NamedTuple):
         iterations: of the solver; zero where the minimum without bounds is within them, so that it was not asked.
         reason: why not solved; empty when solved.
         slack: how far soft rows are missed at most, in their own unit.
+        descent: (n + 2,) how the error falls, see `optsc.control.settling.Descent`.
     """
 
     velocity: Array
@@ -169,6 +183,7 @@ class IkStep(NamedTuple):
     iterations: int
     reason: str
     slack: float = 0.0
+    descent: Array = np.zeros(0)
 
 
 @dataclass(eq=False)
@@ -184,10 +199,14 @@ class DifferentialIK:
     def __post_init__(self) -> None:
         require("period", self.period, Positive)
         self._kernel = build_kernel(pose_task(self.robot.chain, self.robot.endless.tolist()))
-        self._q, self._reference, self._twist, self._posture, self._onward, vector = self._kernel.inputs
-        self._carried = smoothness(self.settings.smoothing, self.period)[1] * self.period
+        self._q, self._v, self._a, self._reference, self._twist, self._posture, self._activity, most, onward, vector = (
+            self._kernel.inputs
+        )
+        most[:] = self.robot.limits.acceleration
+        self.gain = self.settings.feasible_gain(self.robot.limits, self.period)
+        onward[:] = smoothness(self.settings.smoothing, self.period)[1] * self.period
         vector[:] = self.settings.vector(self.robot.limits, self.period)
-        self._H, self._g, self._error, self._volume = self._kernel.outputs
+        self._H, self._g, self._error, self._volume, self._descent = self._kernel.outputs
         self._interior = build_kernel(interior_minimum(self.robot.n))
         self._interior.bind(0, self._H)
         self._interior.bind(1, self._g)
@@ -209,6 +228,7 @@ class DifferentialIK:
         lowest: Array,
         highest: Array,
         rows: Rows | None = None,
+        activity: float = 1.0,
     ) -> IkStep:
         """Return the joint velocity of the next tick.
 
@@ -219,13 +239,13 @@ class DifferentialIK:
             preferred: configuration (n,) [rad] that spare motion goes to.
             lowest, highest: bounds of the answer (n,) [rad/s].
             rows: further linear constraints on the answer.
+            activity: share of the spare motion that is given while the tool is on its reference.
 
         Raises `InvalidValue` for rows that are none.
         """
-        q, v, a = state
+        q, self._v[:], self._a[:] = state
         self._q[:], self._reference[:], self._twist[:] = q, reference, twist
-        self._onward[:] = v + self._carried * a
-        self._posture[:] = preferred
+        self._posture[:], self._activity[:] = preferred, activity
         if self.settings.manipulability_gain > 0:
             # A posture that lies uphill: the task's gain turns it into the wanted share of the gradient.
             uphill = self.manipulability.gradient(self.robot, q)
@@ -240,6 +260,7 @@ class DifferentialIK:
             solution.iterations,
             solution.reason,
             solution.slack,
+            self._descent.copy(),
         )
 
     def _solution(self, lowest: Array, highest: Array, rows: Rows | None) -> QpSolution:

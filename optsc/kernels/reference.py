@@ -30,8 +30,8 @@ def reference_model(fading: float) -> casadi.Function:
 
     Inputs: reference (19) = p, quaternion, v, w, dv/dt, dw/dt; target (19), the same at a time of its own; elapsed,
     from that time to the end of the step [s]; settings (5), see `ReferenceSettings`; period [s]; the share of the
-    target's acceleration that is led on to. Outputs: the next reference (19); its distance and angle to the target (2).
-    All in W.
+    target's acceleration that is led on to. Outputs: the next reference (19); the target at the end of the step (13) =
+    p, quaternion, v, w. All in W.
 
     Until the end of the step the target moves on: with constant acceleration where its time lies ahead of the end
     (``elapsed`` below zero), with one that fades with the time constant ``fading`` [s] where it lies behind. The error
@@ -62,8 +62,8 @@ def reference_model(fading: float) -> casadi.Function:
         led_a + linear[2],
         led_b + angular[2],
     )
-    gap = casadi.vertcat(*(casadi.sqrt(casadi.dot(part[0], part[0])) for part in (linear, angular)))
-    return casadi.Function("reference_model", inputs, [casadi.densify(step), casadi.densify(gap)])
+    end = casadi.vertcat(target_p, target_q, target_v, target_w)
+    return casadi.Function("reference_model", inputs, [casadi.densify(step), casadi.densify(end)])
 
 
 def _catch_up(

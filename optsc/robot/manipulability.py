@@ -52,6 +52,8 @@ from optsc.robot.model import RobotModel
 
 SINGULARITY = ("yoshikawa", "inverse_condition", "minimum_singular_value")
 JOINT_LIMITS = ("tsai", "tsai_raw", "chan_dubey", "vahrenkamp", "none")
+SAMPLES = 256
+"""Configurations that stand for the workspace of an arm."""
 MEASURES_PER_LOOP = 8
 """Configurations in one compiled loop."""
 
@@ -205,3 +207,18 @@ def _grams(robot: RobotModel, joint_limits: str) -> BatchKernel:
 @lru_cache(maxsize=32)
 def _slopes(robot: RobotModel, joint_limits: str) -> Kernel:
     return build_kernel(parts.slopes(robot.chain, robot.limits.positions, joint_limits))
+
+
+@lru_cache(maxsize=32)
+def typical_volume(robot: RobotModel) -> float:
+    """Return the median of Yoshikawa's index over configurations within the position limits: the arm's own scale.
+
+    The configurations are the same at every call. One configuration, such as home, may happen to be singular.
+    """
+    rng = np.random.default_rng(0)
+    size = min(6, robot.n)
+    volumes = [
+        np.prod(np.linalg.svd(robot.jacobian(q), compute_uv=False)[:size])
+        for q in robot.random_configuration(rng, (SAMPLES,))
+    ]
+    return float(np.median(volumes))

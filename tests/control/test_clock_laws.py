@@ -87,4 +87,4 @@ def test_one_bad_target_is_skipped_and_counted_and_bad_targets_alone_stop_the_ar
     assert commands[60].status is Status.INVALID
     assert "refused" in commands[60].reason
     assert not commands[-1].v.any()
-    assert servo.step(home).status is Status.FOLLOWING
+    assert servo.step(home).status is Status.CATCHING_UP  # the arm went on for a while

@@ -37,20 +37,35 @@ def expected_cost(robot, settings, q, reference, twist, posture):
     X, R = robot.forward(q), robot.forward(q).rotation_matrix()
     E = R.T @ reference.rotation_matrix()
     error = np.concatenate([R.T @ (reference.translation - X.translation), pinocchio.log3(E)])
-    clipped, pull = error.copy(), error.copy()
+    pull, to_tool = error.copy(), np.kron(np.eye(2), R.T)
+    W = np.diag([*settings.position_weight, *settings.orientation_weight])
+    local = to_tool @ robot.jacobian(q)
+    J = W @ local
+    plain = J.T @ J + (settings.posture_weight + settings.damping) * np.eye(robot.n)
+    stop = stopping_time(robot, plain, J.T @ W @ to_tool @ twist, np.zeros(robot.n))
     gain, weakest = min(settings.gain, 0.3 / PERIOD), robot.limits.acceleration.min()
     for part, braking in ((slice(0, 3), 0.4 * weakest), (slice(3, 6), 0.5 * weakest)):
-        pull[part] *= min(gain, np.sqrt(braking / max(np.linalg.norm(error[part]), 1e-12)))
-    for part, most in zip((slice(0, 3), slice(3, 6)), settings.largest_error, strict=True):
-        clipped[part] *= min(1.0, most / max(np.linalg.norm(clipped[part]), 1e-12))
-    to_tool = np.kron(np.eye(2), R.T)
+        pull[part] *= min(gain, np.sqrt(braking / max(np.linalg.norm(error[part]), 1e-12)), 1.0 / stop)
     wanted = to_tool @ twist + pull
-    W = np.diag([*settings.position_weight, *settings.orientation_weight])
-    J = W @ to_tool @ robot.jacobian(q)
-    damping = settings.damping + settings.error_damping * np.sum((W @ clipped) ** 2)
-    H = J.T @ J + (settings.posture_weight + damping) * np.eye(robot.n)
-    g = -J.T @ W @ wanted - settings.posture_weight * settings.posture_gain * (posture - q)
+    H = plain + curvature(local, W @ W @ pull, gain, stop) * np.eye(robot.n)
+    g = -J.T @ W @ wanted - settings.posture_weight * homeward(settings, posture - q)
     return H, g, error
+
+
+def stopping_time(robot, plain, along, v):
+    """Time in which the joints brake from what they move besides following the reference."""
+    follow = np.linalg.solve(plain + 1e-3 * np.eye(robot.n), along)
+    return np.abs((v - follow) / robot.limits.acceleration).max()
+
+
+def curvature(J, pull, gain, stop):
+    lever = np.linalg.norm(J[:3], axis=0).max()
+    return 0.2 * (lever * np.linalg.norm(pull[:3]) + np.linalg.norm(pull[3:])) * (1.0 / gain + 0.5 * stop)
+
+
+def homeward(settings, way):
+    speed = settings.posture_gain * way
+    return speed * min(1.0, settings.posture_speed / max(np.linalg.norm(speed), 1e-12))
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
@@ -99,22 +114,17 @@ def test_the_module_writes_the_program_that_is_solved(name):
         turn = pinocchio.log3(R.T @ X_goal.rotation_matrix())
         e = np.concatenate([R.T @ (X_goal.translation - X.translation), turn])
         k, parts = min(60.0, 0.3 / PERIOD, 0.5 / differential.ramp_time(robot.limits)), []
+        w, J = np.array([*settings.position_weight, *settings.orientation_weight]), to_tool @ robot.jacobian(q)
+        plain = (w[:, None] * J).T @ (w[:, None] * J) + (0.01 + settings.damping) * np.eye(robot.n)
+        t = stopping_time(robot, plain, J.T @ (w * w * (to_tool @ twist)), v)
         for part, b in zip((e[:3], e[3:]), differential.tool_braking(robot.limits), strict=True):
-            names = {"twist": (to_tool @ twist)[3 * len(parts) :][:3], "e": part, "k": k, "b": b}
+            names = {"twist": (to_tool @ twist)[3 * len(parts) :][:3], "e": part, "k": k, "b": b, "t": t}
             parts.append(eval(velocity, {"min": min, "sqrt": np.sqrt, "norm": np.linalg.norm}, names))
-        known = {
-            "w": np.array([*settings.position_weight, *settings.orientation_weight]),
-            "V": np.concatenate(parts),
-        }
-        known |= {"J": to_tool @ robot.jacobian(q), "e": e, "q": q, "q_p": q_p, "v": v, "a": a, "T": PERIOD}
-        known |= {
-            "w_p": settings.posture_weight,
-            "k_p": settings.posture_gain,
-            "w_s": w_s,
-            "r": r,
-            "w_r": 10.0,
-        }
-        known |= {"d": settings.damping, "c": settings.error_damping, "sum": np.sum, "shortened": shortened}
+        V = np.concatenate(parts)
+        c = curvature(J, w * w * (V - to_tool @ twist), k, t)
+        known = {"w": w, "V": V, "J": J, "e": e, "h": homeward(settings, q_p - q), "v": v, "a": a, "T": PERIOD}
+        known |= {"w_p": 0.01, "w_s": w_s, "r": r, "w_r": 10.0, "d": settings.damping, "c": c, "sum": np.sum}
+        known |= {"M": np.linalg.cholesky(plain + c * np.eye(robot.n)).T}
 
         def cost(x, known=known):
             s = np.maximum(rows.lower - rows.matrix @ x, 0.0)
@@ -128,13 +138,6 @@ def test_the_module_writes_the_program_that_is_solved(name):
             assert 0.5 * other @ ik._H @ other + ik._g @ other == pytest.approx(written[0] - written[1], abs=1e-9)
             assert cost(x) <= cost(other)
             assert cost(x) <= cost(np.clip(x + 1e-3 * (other - x), lowest, highest)) + 1e-9
-
-
-def shortened(e):
-    parts, largest = (e[:3], e[3:]), IkSettings().largest_error
-    return np.concatenate(
-        [part * min(1.0, most / np.linalg.norm(part)) for part, most in zip(parts, largest, strict=True)]
-    )
 
 
 def test_the_answer_does_not_depend_on_the_period():
@@ -206,7 +209,7 @@ def test_spare_motion_climbs_the_manipulability_and_does_not_move_the_tool():
     X, M = row(robot.forward(q)), Manipulability()
     ends = []
     for gain in (0.0, 20.0):
-        ik = DifferentialIK(robot, PERIOD, CALM(manipulability_gain=gain, posture_gain=0.1))
+        ik = DifferentialIK(robot, PERIOD, CALM(manipulability_gain=gain, posture_gain=0.1, posture_speed=1.0))
         posture = q.copy()
         for _ in range(1000):
             posture = posture + PERIOD * ik.solve(still(posture), X, np.zeros(6), q, *wide(robot)).velocity
@@ -243,10 +246,9 @@ def test_the_smoothness_task_equals_its_formula(period):
     q, v, a = robot.random_configuration(rng), rng.normal(size=7), rng.normal(size=7)
     target, twist = row(robot.forward(q + 0.01)), rng.normal(size=6)
     z = np.exp(-period / 5e-3)
-    w, share = 0.0625 * (2 * z - z * z) / (1 - z) ** 2, z / (2 - z)
+    w, share = (2 * z - z * z) / (1 - z) ** 2, z / (2 - z)
     free = plain.solve((q, v, a), target, twist, robot.home, *wide(robot))
-    H = np.array(plain._H)
-    expected = np.linalg.solve(H + w * np.eye(7), H @ free.velocity + w * (v + share * period * a))
+    expected = (free.velocity + w * (v + share * period * a)) / (1 + w)
     np.testing.assert_allclose(
         smooth.solve((q, v, a), target, twist, robot.home, *wide(robot)).velocity, expected, atol=1e-6
     )

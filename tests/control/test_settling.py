@@ -1,0 +1,90 @@
+"""An arm that cannot get nearer to a target at rest comes to rest; one that can, goes on."""
+
+import numpy as np
+import pytest
+
+from optsc.control.servo import Servo, Status
+from optsc.control.settling import AT_REST, Descent, settle
+from optsc.geometry import Pose, rotation
+from optsc.robot import load_robot
+
+
+def slow(name):
+    robot = load_robot(name)
+    n = robot.n
+    return load_robot(name, limits={"acceleration": np.full(n, 2.0), "jerk": np.full(n, 100.0)})
+
+
+def unhurried(name):
+    robot = load_robot(name)
+    v = robot.limits.velocity
+    return load_robot(name, limits={"acceleration": v / 0.2, "jerk": v / 0.2 / 0.05})
+
+
+def fastest_after(servo, X, settled, observed):
+    """Greatest joint speed from ``settled`` seconds on after a target that jumped, for ``observed`` seconds."""
+    fastest, last = 0.0, int((settled + observed) * servo.rate)
+    for k in range(last):
+        command = servo.step(X, servo.time)
+        if k >= settled * servo.rate:
+            fastest = max(fastest, np.abs(command.v).max())
+    return fastest, command
+
+
+@pytest.mark.parametrize(
+    ("robot", "p"),
+    [
+        (load_robot("xarm7"), [0.7, 0.0, 0.0]),
+        (slow("ur5"), [0.9, 0.3, 0.5]),
+        (slow("iiwa"), [0.9, -0.4, 0.6]),
+        (unhurried("panda"), [0.8, 0.3, 0.6]),
+    ],
+    ids=["xarm7", "slow ur5", "slow iiwa", "unhurried panda"],
+)
+def test_at_and_beyond_the_end_of_its_reach_the_arm_comes_to_rest(robot, p):
+    servo = Servo(robot, 500.0)
+    # A jump of up to a metre is made up for at half a metre per second; then there are two seconds to come to rest.
+    fastest, command = fastest_after(servo, Pose(servo.X_WT.quaternion, np.array(p)), 4.0, 1.0)
+    assert fastest < 0.01
+    said = (Status.UNREACHABLE, Status.LIMITED, Status.SINGULAR)
+    assert command.status in ((Status.FOLLOWING,) if np.linalg.norm(command.error) < 1e-3 else said)
+
+
+def test_an_arm_that_is_freed_goes_on_at_once():
+    robot = load_robot("panda")
+    servo = Servo(robot, 250.0)
+    X = servo.X_WT
+    _, command = fastest_after(servo, Pose(X.quaternion, np.array([1.5, 0.0, 0.5])), 5.0, 0.5)
+    assert command.status is Status.UNREACHABLE
+    fastest_after(servo, X, 0.1, 0.1)
+    assert np.abs(servo.guard.columns[1]).max() > 0.05
+    _, command = fastest_after(servo, X, 4.0, 0.1)
+    assert command.status is Status.FOLLOWING
+
+
+def test_a_reachable_target_far_away_is_never_given_up():
+    rng = np.random.default_rng(4)
+    for robot in (slow("ur5"), unhurried("panda")):
+        servo = Servo(robot, 250.0)
+        X = servo.X_WT
+        away = Pose(
+            rotation.multiply(rotation.exp([0.0, 0.0, 1.2]), X.quaternion),
+            rotation.rotate(rotation.exp([0.0, 0.0, 1.2]), X.translation),
+        )
+        _, command = fastest_after(servo, away, 9.0, 0.1)
+        assert command.status is Status.FOLLOWING, rng
+
+
+def descent(progress, square=0.01, asked=1.0):
+    return Descent(np.array([progress]), square, asked)
+
+
+def test_what_is_on_its_way_is_given_in_full_and_what_gains_nothing_less_and_less():
+    wish, most = np.array([1.0]), np.array([100.0])
+    assert settle(descent(0.6), wish, most, 0.0, 1.0, 0.002) == (1.0, 0.0)  # more than half of what was asked
+    assert settle(descent(0.0), wish, most, 1.0, 1.0, 0.002) == (1.0, 0.0)  # the target moves
+    shares = [settle(descent(0.006), wish, most, 0.0, t, 0.002).share for t in np.arange(0.0, 3.0, 0.25)]
+    assert shares[0] == 1.0
+    assert shares[-1] == 0.0
+    assert shares == sorted(shares, reverse=True)
+    assert AT_REST[0] > 0.0
