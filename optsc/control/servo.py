@@ -81,7 +81,7 @@ class Servo:
     def reset(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
         """Start from configuration ``q`` (n,) [rad] and velocity ``v`` (n,) [rad/s]; raise `InvalidValue`."""
         self.guard.reset(self.robot.checked(q), v)
-        self.numbers.reference[:] = self.numbers.waited[:] = 0.0
+        self.numbers.reference[:] = self.numbers.waiting[:] = 0.0
         self.state = ServoState()
         self._written = None
         self.spent = 0.0

@@ -11,6 +11,7 @@ import numpy as np
 from optsc.control.loop_time import LoopTime
 from optsc.control.target_stream import TargetStream
 from optsc.geometry.rotation import Array
+from optsc.kernels.settling import WAITING
 from optsc.operators.prediction import Track
 from optsc.robot import JointLimits
 
@@ -29,18 +30,17 @@ class Numbers:
         joints: commanded position, velocity and acceleration (n, 3) [rad, rad/s, rad/s^2].
         reference: what the tool is led along (19,), see `REFERENCE`.
         preferred: configuration (n,) [rad] that spare motion goes to.
-        waited: (1,) how long there was little to gain [s], see `optsc.control.settling`.
-        anchor: (7,) position and quaternion of the target at which that time began.
+        waiting: (8,) how long there was little to gain and since which target, see `optsc.kernels.settling`.
     """
 
-    __slots__ = ("anchor", "block", "joints", "preferred", "reference", "waited")
+    __slots__ = ("block", "joints", "preferred", "reference", "waiting")
 
     def __init__(self, n: int) -> None:
-        self.block = np.zeros(4 * n + REFERENCE + 8)
+        self.block = np.zeros(4 * n + REFERENCE + WAITING)
         self.joints = self.block[: 3 * n].reshape(n, 3, order="F")
         self.reference = self.block[3 * n : 3 * n + REFERENCE]
-        self.preferred = self.block[3 * n + REFERENCE : -8]
-        self.waited, self.anchor = self.block[-8:-7], self.block[-7:]
+        self.preferred = self.block[3 * n + REFERENCE : -WAITING]
+        self.waiting = self.block[-WAITING:]
 
 
 class ServoState(NamedTuple):

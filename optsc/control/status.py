@@ -12,7 +12,7 @@ tick, in the components of the tool's pose that have a weight, beyond their dead
 | `UNREACHABLE` | the target rests, and nothing leads nearer |
 | `CATCHING_UP` | none of these: the tool is on its way |
 
-With little to gain (see `optsc.control.settling`) and the tool beyond `ServoSettings.far` from its target, the three in
+With little to gain (see `optsc.kernels.settling`) and the tool beyond `ServoSettings.far` from its target, the three in
 the middle are `UNREACHABLE`, too, with the same reason. While following, the reason is empty, or says that a joint
 still moves for the preferred configuration although the target rests.
 """
@@ -107,22 +107,21 @@ class Verdict(NamedTuple):
     reason: str
 
     @classmethod
-    def following(cls, robot: RobotModel, velocity: Array) -> Verdict:
-        """Return the verdict on a tool at a target at rest, whose joints have the velocity (n,) [rad/s]."""
-        share = np.abs(velocity) / robot.limits.velocity
-        joint = int(np.argmax(share))
-        if share[joint] < STILL:
-            return FOLLOWING
+    def spare(cls, robot: RobotModel, velocity: Array) -> Verdict:
+        """Return the verdict on a tool at a target at rest, whose joints still have a velocity (n,) [rad/s]."""
+        joint = int(np.argmax(np.abs(velocity) / robot.limits.velocity))
         return cls(Status.FOLLOWING, f"{robot.joint_names[joint]} moves for the preferred configuration")
 
 
 FOLLOWING = Verdict(Status.FOLLOWING, "")
 
 
-def within(sizes: tuple[float, float], speeds: tuple[float, float]) -> bool:
+def within(distance: float, angle: float, speed: float, turning: float) -> bool:
     """Tell whether distance and angle [m, rad] to a target of these speeds [m/s, rad/s] count as following."""
-    pairs = zip(sizes, FOLLOWING_WITHIN, speeds, strict=True)
-    return all(size <= (most + FOLLOWING_DELAY * speed) * (1.0 + ROUNDING) for size, most, speed in pairs)
+    most_distance, most_angle = FOLLOWING_WITHIN
+    return distance <= (most_distance + FOLLOWING_DELAY * speed) * (1.0 + ROUNDING) and angle <= (
+        most_angle + FOLLOWING_DELAY * turning
+    ) * (1.0 + ROUNDING)
 
 
 class Miss(NamedTuple):
@@ -132,7 +131,7 @@ class Miss(NamedTuple):
         error: (6,) in the tool frame, in the components that count [m, rad].
         sizes: its distance and angle [m, rad].
         far: whether it is beyond `ServoSettings.far`.
-        stalled: whether there is little to gain, see `optsc.control.settling`.
+        stalled: whether there is little to gain, see `optsc.kernels.settling`.
         singular: whether the manipulability is low.
     """
 

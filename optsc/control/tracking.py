@@ -13,18 +13,23 @@ from typing import NamedTuple
 import numpy as np
 
 from optsc.control.servo_settings import ServoSettings
-from optsc.control.settling import AT_REST, Descent, moved, settle
 from optsc.control.state import Numbers
-from optsc.control.status import FOLLOWING, Miss, Verdict, judge, within
+from optsc.control.status import (
+    FOLLOWING,
+    STILL,
+    Miss,
+    Verdict,
+    judge,
+    within,
+)
 from optsc.geometry import scalar
 from optsc.geometry.rotation import Array
 from optsc.ik import DifferentialIK, ramp_time, tool_braking
 from optsc.ik.avoidance import Avoidance
 from optsc.ik.differential import IkStep, smoothness
-from optsc.ik.solvers import Rows
 from optsc.kernels.kernel import build_kernel
-from optsc.kernels.pose_task import pose_error
 from optsc.kernels.reference import ReferenceSettings, reference_model
+from optsc.kernels.settling import SettlingSettings, settled
 from optsc.operators import prediction
 from optsc.robot.manipulability import typical_volume
 from optsc.shaping import JointGuard
@@ -41,6 +46,8 @@ WAITING = 9e-3
 """Time constant [s] with which a reference that waits takes on the target's own velocity (tuned here)."""
 
 _PARTS = (ReferenceSettings.LINEAR, ReferenceSettings.ANGULAR)
+PACE = 13
+"""Where the pace of the target is in what the reference model returns of it."""
 _RATES = (slice(7, 10), slice(13, 16)), (slice(10, 13), slice(16, 19))  # velocity, acceleration of a reference
 
 
@@ -93,21 +100,24 @@ class Tracking:
         period[:] = ik.period
         self._braking = tool_braking(limits) if settings.ik.braking is None else settings.ik.braking
         self._waiting = 1.0 - exp(-ik.period / WAITING)
-        self._smoothness, share = smoothness(settings.ik.smoothing, ik.period)
-        self._onward = share * ik.period
         self._singular_volume = SINGULAR_SHARE * typical_volume(self.robot)
-        self._pose_error = build_kernel(pose_error(self.robot.chain))
-        self._pose_error.bind(0, numbers.joints)
-        _, self._velocity, self._pose, of_tick = self._pose_error.inputs
-        of_tick[:] = *settings.ik.components, ik.period
-        (self._error,) = self._pose_error.outputs
+        self._settled = build_kernel(settled(self.robot.chain))
+        for index, memory in ((0, numbers.joints), (2, ik.descent), (3, self._end), (4, numbers.waiting)):
+            self._settled.bind(index, memory)
+        self._settled.bind(5, guard.interval)
+        _, self._wish, *_, self._bound, values = self._settled.inputs
+        values[: SettlingSettings.PERIOD] = settings.ik.components
+        weight, share = smoothness(settings.ik.smoothing, ik.period)
+        values[SettlingSettings.PERIOD : SettlingSettings.SIZE] = ik.period, weight, share * ik.period
+        values[SettlingSettings.SIZE :] = limits.velocity
+        self._given, self._waited, self._error, self._sizes = self._settled.outputs
 
     def start(self) -> None:
         """Begin to lead the tool from where it is commanded to be, at the velocity that it has."""
         q, v, _ = self.guard.state
         X_WT, twist = self.robot.forward(q), self.robot.jacobian(q) @ v
         self._reference[:] = np.concatenate([X_WT.translation, X_WT.quaternion, twist, np.zeros(6)])
-        self.numbers.waited[0] = 0.0
+        self.numbers.waiting[:] = 0.0
         if self.settings.spare_motion == "stay":
             self.numbers.preferred[:] = q
 
@@ -126,55 +136,39 @@ class Tracking:
         lowest, highest = guard.lowest, guard.highest
         # Copies: avoidance may be a user's, and what it writes there must not become the state or its limits.
         rows = None if self.avoid is None else self.avoid.rows(guard.q.copy(), lowest.copy(), highest.copy())
-        speeds = self._speeds()
-        pace = max(speeds[0] / AT_REST[0], speeds[1] / AT_REST[1])
-        twist = self._next_reference[7:13]
+        pace = float(self._end[PACE])
         step = self.ik.solve(
-            guard.columns, reference[:7], twist, numbers.preferred, lowest, highest, rows, min(pace, 1.0)
+            guard.columns,
+            reference[:7],
+            self._next_reference[7:13],
+            numbers.preferred,
+            lowest,
+            highest,
+            rows,
+            min(pace, 1.0),
         )
         reference[:] = self._next_reference
         if not step.solved:
             return TrackingStep(step.velocity, step, FOLLOWING, step.error)
-        velocity = np.minimum(np.maximum(self._settled(step, pace, rows), lowest), highest)
+        # Rows that lead the arm away from something have to be kept.
+        self._wish[:], self._bound[0] = step.velocity, rows is not None and (rows.lower > 0.0).any()
+        self._settled.run()
+        numbers.waiting[:] = self._waited
         self._wait(step.error)
-        return TrackingStep(velocity, step, *self._judged(step, velocity, speeds, pace))
+        velocity, error = self._given.copy(), self._error.copy()
+        return TrackingStep(velocity, step, self._judged(step, velocity, error, pace), error)
 
-    def _judged(self, step: IkStep, velocity: Array, speeds: tuple[float, float], pace: float) -> tuple[Verdict, Array]:
-        """Return what holds the tick back, and the error (6,) of the tool to the target at its end."""
-        self._pose[:], self._velocity[:] = self._end[:7], velocity
-        self._pose_error.run()
-        error = self._error.copy()
-        x, y, z, a, b, c = error.tolist()
-        sizes = sqrt(x * x + y * y + z * z), sqrt(a * a + b * b + c * c)
-        if within(sizes, speeds):
-            return (FOLLOWING if pace >= 1.0 else Verdict.following(self.robot, velocity)), error
-        far = sizes[0] > self.settings.far[0] or sizes[1] > self.settings.far[1]
-        stalled = float(self.numbers.waited[0]) > STALLED
-        miss = Miss(error, sizes, far, stalled, step.volume < self._singular_volume)
+    def _judged(self, step: IkStep, velocity: Array, error: Array, pace: float) -> Verdict:
+        """Return what holds the tick back, after which the tool has this error (6,) to the target."""
+        distance, angle, speed, turning, fastest = self._sizes.tolist()
+        if within(distance, angle, speed, turning):
+            return FOLLOWING if pace >= 1.0 or fastest < STILL else Verdict.spare(self.robot, velocity)
+        far = distance > self.settings.far[0] or angle > self.settings.far[1]
+        stalled = float(self.numbers.waiting[0]) > STALLED
+        miss = Miss(error, (distance, angle), far, stalled, step.volume < self._singular_volume)
         # Judged is what was wished, not what was given of it.
         near = None if self.avoid is None else self.avoid.blocking(step.velocity.copy())
-        return judge(self.robot, self.guard, step.velocity, near, miss), error
-
-    def _speeds(self) -> tuple[float, float]:
-        """Return the target's speeds [m/s, rad/s]."""
-        x, y, z, a, b, c = self._end[7:13].tolist()
-        return sqrt(x * x + y * y + z * z), sqrt(a * a + b * b + c * c)
-
-    def _settled(self, step: IkStep, pace: float, rows: Rows | None) -> Array:
-        """Return what is given of the wished velocity where there is little to gain, see `optsc.control.settling`."""
-        _, v, a = self.guard.columns
-        weight = self._smoothness
-        # What the smoothness task has made of the wish is undone, or an arm at rest would seem to have none.
-        wish = (1.0 + weight) * step.velocity - weight * (v + self._onward * a)
-        waited, anchor = self.numbers.waited, self.numbers.anchor
-        if waited[0] == 0.0 or moved(anchor, self._end[:3], self._end[3:7]):
-            waited[0], anchor[:] = 0.0, self._end[:7]
-        descent = Descent(step.descent[:-2], *step.descent[-2:].tolist())
-        share, waited[0] = settle(descent, wish, self.guard.limits.velocity, pace, float(waited[0]), self.ik.period)
-        # Rows that lead the arm away from something have to be kept.
-        if share == 1.0 or (rows is not None and (rows.lower > 0.0).any()):
-            return step.velocity
-        return step.velocity - (1.0 - share) / (1.0 + weight) * wish
+        return judge(self.robot, self.guard, step.velocity, near, miss)
 
     def _wait(self, error: Array) -> None:
         """Let the reference wait for an arm that has fallen behind, so that there is no distance to make up in a rush.

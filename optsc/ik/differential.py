@@ -143,7 +143,7 @@ class IkSettings(Checked):
 
     @property
     def components(self) -> Array:
-        """Which components of the tool's pose count (6,), one or zero, and their tolerances (6,), as `pose_error`."""
+        """Which components of the tool's pose count (6,), one or zero, and their tolerances (6,), as `settled`."""
         weights = (*self.position_weight, *self.orientation_weight)
         return np.array([*(float(w > 0) for w in weights), *self.position_tolerance, *self.orientation_tolerance])
 
@@ -173,7 +173,6 @@ class IkStep(NamedTuple):
         iterations: of the solver; zero where the minimum without bounds is within them, so that it was not asked.
         reason: why not solved; empty when solved.
         slack: how far soft rows are missed at most, in their own unit.
-        descent: (n + 2,) how the error falls, see `optsc.control.settling.Descent`.
     """
 
     velocity: Array
@@ -183,7 +182,6 @@ class IkStep(NamedTuple):
     iterations: int
     reason: str
     slack: float = 0.0
-    descent: Array = np.zeros(0)
 
 
 @dataclass(eq=False)
@@ -206,7 +204,8 @@ class DifferentialIK:
         self.gain = self.settings.feasible_gain(self.robot.limits, self.period)
         onward[:] = smoothness(self.settings.smoothing, self.period)[1] * self.period
         vector[:] = self.settings.vector(self.robot.limits, self.period)
-        self._H, self._g, self._error, self._volume, self._descent = self._kernel.outputs
+        self._H, self._g, self._error, self._volume, self.descent = self._kernel.outputs
+        """How the error falls (n + 2,), see `pose_task`: memory that the next tick changes."""
         self._interior = build_kernel(interior_minimum(self.robot.n))
         self._interior.bind(0, self._H)
         self._interior.bind(1, self._g)
@@ -260,7 +259,6 @@ class DifferentialIK:
             solution.iterations,
             solution.reason,
             solution.slack,
-            self._descent.copy(),
         )
 
     def _solution(self, lowest: Array, highest: Array, rows: Rows | None) -> QpSolution:

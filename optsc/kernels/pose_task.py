@@ -72,7 +72,7 @@ def pose_task(chain: Chain, endless: Sequence[bool] = ()) -> casadi.Function:
     s = x.settings
     R, p, J = tool_kinematics(chain, x.q)
     turn = rotations.smooth_from_matrix(R.T @ rotations.to_matrix(x.reference[3:7]))
-    error, hold = _beyond(casadi.vertcat(R.T @ (x.reference[0:3] - p), turn), s[PoseTaskSettings.TOLERANCE])
+    error, hold = beyond(casadi.vertcat(R.T @ (x.reference[0:3] - p), turn), s[PoseTaskSettings.TOLERANCE])
     tool_J = casadi.vertcat(R.T @ J[:3, :], R.T @ J[3:, :])
     twist = casadi.vertcat(R.T @ x.twist[:3], R.T @ x.twist[3:])
     weight = hold * s[PoseTaskSettings.WEIGHTS]
@@ -102,21 +102,6 @@ def pose_task(chain: Chain, endless: Sequence[bool] = ()) -> casadi.Function:
     )
     outputs = [casadi.densify(y) for y in (H, g, error, volume, descent)]
     return casadi.Function("pose_task", list(x), outputs)
-
-
-def pose_error(chain: Chain) -> casadi.Function:
-    """Return how far the tool is from a pose at the end of a tick, in the components that count.
-
-    Inputs: joints (n, 3), positions, velocities and accelerations; their velocity (n) at the end of the tick; pose (7),
-    position and quaternion of T in W; settings (13): which components count (6), one or zero, their tolerances (6),
-    and the period [s]. Output: the error (6), pose minus tool, in T's axes, beyond the tolerances [m, rad].
-    """
-    inputs = symbols(casadi.SX, joints=(chain.n, 3), velocity=chain.n, pose=7, settings=13)
-    joints, velocity, pose, s = inputs
-    R, p, _ = tool_kinematics(chain, joints[:, 0] + 0.5 * s[12] * (joints[:, 1] + velocity))
-    turn = rotations.smooth_from_matrix(R.T @ rotations.to_matrix(pose[3:7]))
-    error, _ = _beyond(casadi.vertcat(R.T @ (pose[0:3] - p), turn), s[6:12])
-    return casadi.Function("pose_error", inputs, [casadi.densify(s[:6] * error)])
 
 
 def _stopping_time(plain: casadi.SX, weighted_J: casadi.SX, weighted_twist: casadi.SX, x: PoseTaskInputs) -> casadi.SX:
@@ -157,7 +142,7 @@ def _pull(error: casadi.SX, gain: casadi.SX, braking: casadi.SX, stopping: casad
     return error * casadi.fmin(casadi.fmin(gain, casadi.sqrt(braking / size)), 1.0 / (stopping + 1e-12))
 
 
-def _beyond(error: casadi.SX, tolerance: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
+def beyond(error: casadi.SX, tolerance: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
     """Return the error (6) beyond its dead band, and how firmly each component is held (6), in [0, 1].
 
     Inside the band a component is free. It is taken hold of over the last share of the band, so that nothing

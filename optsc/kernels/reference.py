@@ -11,6 +11,9 @@ QUICKNESS, SWIFTNESS = 8.0, 2.4
 """Of catching up: omega^2 |e| and omega |de/dt| at most, in units of the braking that is counted on; with either, the
 reference then accelerates by up to some 1.9 times that (tuned here)."""
 
+AT_REST = (0.01, 0.05)
+"""Speeds of a target [m/s, rad/s] from which on it counts as moving (tuned here)."""
+
 
 class ReferenceSettings:
     """Layout of the settings vector of `reference_model`; see `optsc.control.servo` for meaning and units."""
@@ -30,8 +33,8 @@ def reference_model(fading: float) -> casadi.Function:
 
     Inputs: reference (19) = p, quaternion, v, w, dv/dt, dw/dt; target (19), the same at a time of its own; elapsed,
     from that time to the end of the step [s]; settings (5), see `ReferenceSettings`; period [s]; the share of the
-    target's acceleration that is led on to. Outputs: the next reference (19); the target at the end of the step (13) =
-    p, quaternion, v, w. All in W.
+    target's acceleration that is led on to. Outputs: the next reference (19); the target at the end of the step (14) =
+    p, quaternion, v, w, and its pace: its speed in units of `AT_REST`. All in W.
 
     Until the end of the step the target moves on: with constant acceleration where its time lies ahead of the end
     (``elapsed`` below zero), with one that fades with the time constant ``fading`` [s] where it lies behind. The error
@@ -62,7 +65,9 @@ def reference_model(fading: float) -> casadi.Function:
         led_a + linear[2],
         led_b + angular[2],
     )
-    end = casadi.vertcat(target_p, target_q, target_v, target_w)
+    speeds = (casadi.sqrt(casadi.dot(x, x)) for x in (target_v, target_w))
+    pace = casadi.fmax(*(speed / least for speed, least in zip(speeds, AT_REST, strict=True)))
+    end = casadi.vertcat(target_p, target_q, target_v, target_w, pace)
     return casadi.Function("reference_model", inputs, [casadi.densify(step), casadi.densify(end)])
 
 

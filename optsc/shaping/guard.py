@@ -64,10 +64,10 @@ class JointGuard:
             self._tick.bind(index, memory)
         # A kernel reads while it writes, so the interval of a tick is another memory than that of the next one.
         _, self._interval_now, self._velocity, *_ = self._tick.inputs
-        self._next, self._interval, self.bounds, self._outside, self._inside = self._tick.outputs
+        self._next, self.interval, self.bounds, self._outside, self._inside = self._tick.outputs
         self._next_columns = self._next[:, 0], self._next[:, 1], self._next[:, 2]
-        self.lowest, self.highest = self._interval[:, 0], self._interval[:, 1]
-        """Viable velocities of the next tick (n,) [rad/s], and the `Bound` (n, 2) that closes each end."""
+        self.lowest, self.highest = self.interval[:, 0], self.interval[:, 1]
+        """Viable velocities of the next tick (n,) [rad/s], columns of `interval`; `bounds` (n, 2) has their `Bound`."""
         for index, memory in enumerate((self.lowest, self.highest, self.bounds, self._outside)):
             self._kernel.bind_output(index, memory)
         self._planner, self._trajectory = Ruckig(n), Trajectory(n)
@@ -148,7 +148,7 @@ class JointGuard:
 
         Returns the wanted velocity itself where it is viable. A velocity that is not finite means a stop.
         """
-        self._interval_now[:], self._velocity[:] = self._interval, velocity
+        self._interval_now[:], self._velocity[:] = self.interval, velocity
         self._tick.run()
         if self._inside[0] != 1.0:
             lowest, highest = self._interval_now.T

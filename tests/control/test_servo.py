@@ -133,9 +133,9 @@ def test_following_is_a_distance_and_an_angle_that_grow_with_the_speed_of_the_ta
         sizes, speeds = [0.0, 0.0], [0.0, 0.0]
         speeds[part] = speed
         sizes[part] = most + 0.02 * speed
-        assert within(tuple(sizes), tuple(speeds))  # also at the bound itself
+        assert within(*sizes, *speeds)  # also at the bound itself
         sizes[part] *= 1.001
-        assert not within(tuple(sizes), tuple(speeds))
+        assert not within(*sizes, *speeds)
 
 
 def test_a_target_that_jumps_is_not_taken_for_one_that_moves():

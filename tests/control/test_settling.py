@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from optsc.control.servo import Servo, Status
-from optsc.control.settling import AT_REST, Descent, settle
 from optsc.geometry import Pose, rotation
+from optsc.kernels.kernel import Kernel
+from optsc.kernels.settling import SettlingSettings, settled
 from optsc.robot import load_robot
 
 
@@ -75,16 +76,38 @@ def test_a_reachable_target_far_away_is_never_given_up():
         assert command.status is Status.FOLLOWING, rng
 
 
-def descent(progress, square=0.01, asked=1.0):
-    return Descent(np.array([progress]), square, asked)
+class Tick:
+    """One tick of the kernel for an arm at rest: a wish of joint 1, and what it takes off the error."""
+
+    def __init__(self):
+        self.kernel = Kernel(settled(load_robot("panda").chain), compiled=False)
+        _, self.wish, self.descent, self.target, self.waiting, interval, self.bound, values = self.kernel.inputs
+        interval[:] = [-100.0, 100.0]
+        values[SettlingSettings.PERIOD], values[SettlingSettings.SIZE :] = 0.002, 100.0
+        self.wish[0] = 1.0
+        self.target[3] = self.waiting[4] = 1.0
+
+    def share(self, gained, *, waited=1.0, square=0.01, asked=1.0, pace=0.0, shift=0.0):
+        self.descent[0], self.descent[-2:], self.target[13] = gained, (square, asked), pace
+        self.waiting[0], self.target[0] = waited, shift
+        self.kernel.run()
+        return self.kernel.outputs[0][0], self.kernel.outputs[1][0]
 
 
 def test_what_is_on_its_way_is_given_in_full_and_what_gains_nothing_less_and_less():
-    wish, most = np.array([1.0]), np.array([100.0])
-    assert settle(descent(0.6), wish, most, 0.0, 1.0, 0.002) == (1.0, 0.0)  # more than half of what was asked
-    assert settle(descent(0.0), wish, most, 1.0, 1.0, 0.002) == (1.0, 0.0)  # the target moves
-    shares = [settle(descent(0.006), wish, most, 0.0, t, 0.002).share for t in np.arange(0.0, 3.0, 0.25)]
+    tick = Tick()
+    assert tick.share(0.6) == (1.0, 0.0)  # more than half of what is asked of the tool
+    assert tick.share(0.0, pace=1.0) == (1.0, 0.0)  # the target moves
+    assert tick.share(0.0, waited=0.2)[0] == 1.0  # it has just come to rest
+    assert tick.share(0.0, waited=2.0, shift=0.006) == (1.0, 0.002)  # it is at another place
+    assert tick.share(0.0, waited=2.0, shift=0.004)[0] == 0.0
+    shares = [tick.share(0.006, waited=t)[0] for t in np.arange(0.3, 3.0, 0.1)]
     assert shares[0] == 1.0
     assert shares[-1] == 0.0
     assert shares == sorted(shares, reverse=True)
-    assert AT_REST[0] > 0.0
+
+
+def test_what_leads_away_from_something_is_given_in_full():
+    tick = Tick()
+    tick.bound[0] = 1.0
+    assert tick.share(0.0, waited=2.0)[0] == 1.0

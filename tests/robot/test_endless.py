@@ -52,14 +52,14 @@ def test_whole_turns_of_endless_joints_change_no_command(robot, most, seed):
     servos = [Servo(robot, 500.0), Servo(robot, 500.0)]
     servos[0].reset(q)
     servos[1].reset(q + turns)
-    X, turn, shift = servos[0].X_WT, 0.1 * rng.normal(size=3), 0.03 * rng.normal(size=3)
-    for k in range(700):
+    X, turn, shift = servos[0].X_WT, rng.normal(size=3), 0.1 * rng.normal(size=3)
+    for k in range(600):
         s = min(k / 400.0, 1.0)
         target = Pose(rotation.multiply(rotation.exp(s * turn), X.quaternion), X.translation + s * shift)
         a, b = (servo.step(target, servo.time) for servo in servos)
         np.testing.assert_allclose(b.q - turns, a.q, atol=1e-5)  # the QP solver ends at 1e-6
     assert b.status is a.status
-    assert np.abs(a.q - q).max() > 0.02  # it did move
+    assert np.abs(a.q - q).max() > 0.05  # it did move
 
 
 def test_the_nearest_configuration_to_a_seed_is_as_many_turns_away_as_the_seed(robot):
