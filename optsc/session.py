@@ -159,14 +159,21 @@ class Session:
         return self.operator.read(self._display.view(self.step, self.measured, self._objects, time))
 
     def advance(self, sample: OperatorSample | None, now: float | None = None) -> Tick:
-        """Let the controller decide with a sample and the follower execute it; return the tick."""
-        before = perf_counter()
-        step = self.controller.step(sample, self.measured, now)
-        tick = Tick(sample, self.measured, step, self._objects, perf_counter() - before, now)
+        """Let the controller decide with a sample and the follower execute it; return the tick.
+
+        What a follower raises, goes on; the tick is then taken back, as nobody has followed its command.
+        """
+        controller, before, start = self.controller, self.controller.snapshot(), perf_counter()
+        step = controller.step(sample, self.measured, now)
+        tick = Tick(sample, self.measured, step, self._objects, perf_counter() - start, now)
+        command, period = step.command, controller.servo.period
+        try:
+            self.measured = self.follower.apply(command.q, command.v, step.opening, period)
+        except BaseException:
+            controller.restore(before)
+            raise
         self.step, self._newest = step, tick
         self.ticks += 1
-        period = self.controller.servo.period
-        self.measured = self.follower.apply(step.command.q, step.command.v, step.opening, period)
         return tick
 
     def tick(self, now: float | None = None) -> Tick:
@@ -207,7 +214,7 @@ class Session:
     def _stop_for(self, error: BaseException) -> None:
         reason = f"the run was interrupted: {type(error).__name__}"
         self.interrupted = Interruption(self.ticks, reason)
-        # The controller may have decided on a tick that the sink has never seen.
+        # The arm may have followed a tick that the sink has never seen.
         self.stopping = [] if self._newest is None or self._newest is self._handed else [self._newest]
         try:
             self.stopping += self.come_to_rest(reason)

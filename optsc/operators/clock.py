@@ -179,6 +179,9 @@ class ClockMapping(NamedTuple):
                 suspect = suspect._replace(first_arrival=before.first_arrival, first_delay=before.first_delay)
                 if in_order and -JUMP <= excess < 0.0:
                     return self._lowered(stamp, arrival, max(delay, before_delay), steady)
+                if self.foreign and excess > OLDEST and all(-NOISE <= d <= OWN for d in (delay, before_delay)):
+                    # A clock that was set is right again: two stamps agree with the loop's own clock.
+                    return _begun(stamp, arrival, False, self)
                 if _confirmed(suspect, in_order, excess, steady):
                     return _begun(stamp, arrival, True, self, min(delay, before_delay))
         if in_order and -JUMP <= excess < 0.0:

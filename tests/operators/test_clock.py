@@ -123,6 +123,19 @@ def test_a_clock_that_restarts_is_followed_within_a_few_samples(jump, offset):
     assert np.nanmax(np.abs(times - TRUE)[TRUE > 11.0]) < 0.01
 
 
+@pytest.mark.parametrize("ahead", [1.0, 0.4, 30.0])
+@pytest.mark.parametrize("gap", [0.0, 3.0])
+def test_a_clock_that_was_set_and_is_right_again_is_the_loops_own_at_once(ahead, gap):
+    wrong = (TRUE > 5.0) & (TRUE < 6.0)
+    kept = ~((TRUE > 6.0) & (6.0 + gap > TRUE))
+    stamps = np.where(wrong, TRUE + ahead, TRUE)
+    clock, times, refusals = mapped(stamps[kept], TRUE[kept] + 0.03)
+    assert not clock.foreign
+    assert sum(refusal is not None for refusal in refusals) <= 2
+    again = TRUE[kept] > 6.02 + gap
+    assert times[again].tolist() == TRUE[kept][again].tolist()
+
+
 def test_late_and_duplicate_packets_are_told_apart_and_change_nothing():
     clock, times, refusals = mapped([1.0, 1.01, 1.02, 1.01, 1.02, 1.02 - 1e-9, 1.03], np.arange(7) * 0.01 + 5.0)
     assert refusals == [None, None, None, Refusal.LATE, Refusal.DUPLICATE, Refusal.LATE, None]
