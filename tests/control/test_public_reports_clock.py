@@ -155,4 +155,4 @@ def test_xr_teleoperate_247_samples_that_have_waited_for_seconds_are_not_followe
     drained = [command for command, t in zip(commands, times, strict=True) if 4.01 < t < 4.25]
     assert all(command.status is not Status.FOLLOWING for command in drained)
     assert "late" in drained[0].reason
-    assert commands[-1].status is Status.FOLLOWING
+    assert commands[-1].status in (Status.FOLLOWING, Status.CATCHING_UP)
