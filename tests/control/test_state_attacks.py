@@ -27,7 +27,9 @@ from optsc.selection.filters import GraspFilter
 from optsc.selection.hysteresis import Hysteresis
 from optsc.study.faults.catalogue import FAULTS
 from optsc.study.faults.check import problems
+from optsc.study.faults.reading_faults import NO_READINGS
 from optsc.study.faults.run import run
+from optsc.study.faults.sample_faults import NO_SAMPLES, Raises
 from optsc.study.faults.world import MODES, World
 from optsc.testing.loop import PERIOD, Loop, assert_limits_hold, scene
 
@@ -440,3 +442,18 @@ def test_without_a_solution_no_mode_in_which_the_robot_moves_by_itself_goes_on(w
 @pytest.mark.parametrize("name", ["avoidance raises (snapshot)", "avoidance raises (rows and restore)"])
 def test_an_avoidance_that_cannot_be_taken_back_does_not_make_a_tick_raise(world, name):
     assert problems(world.robot, world.period, run(world, Mode.MANUAL, FAULTS[name], (0,))) == []
+
+
+def test_no_sample_with_no_reading_at_no_time_makes_a_tick_raise(world):
+    rng = np.random.default_rng(5)
+    times = (None, "noon", np.nan, np.inf, 1e300, 10**400, 1j, np.zeros(2), True, Raises(), [1.0])
+    samples, readings = tuple(NO_SAMPLES.values()), tuple(NO_READINGS.values())
+    for mode in MODES:
+        hand = world.restore(mode).hand
+        for _ in range(60):
+            sample = samples[rng.integers(len(samples))](OperatorSample(world.controller.time, hand))
+            reading = readings[rng.integers(len(readings))](world.arm.measured())
+            step = world.controller.step(sample, reading, times[rng.integers(len(times))])
+            assert np.all(np.isfinite(step.command.q))
+        assert step.mode is Mode.HOLD
+        assert step.reason

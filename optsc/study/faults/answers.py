@@ -54,7 +54,8 @@ def answered(robot: RobotModel, record: Record) -> Iterator[str]:
         turned = max(angle_between(robot.forward(row.q).quaternion, first) for row in rows)
         if turned > answer.turning:
             yield f"the tool turned by {turned:.2f} rad"
-    if record.fault.keeps_jaws and max(row.opening for row in rows) > rows[0].opening + 1e-4:
+    carrying = record.fault.keeps_jaws and record.mode in (Mode.LIFT, Mode.CARRY)
+    if carrying and max(row.opening for row in rows) > rows[0].opening + 1e-4:
         yield f"the jaws opened to {1e3 * max(row.opening for row in rows):.0f} mm"
     yield from _ANSWERS[answer.name](robot, record, rows, answer)
 

@@ -100,13 +100,13 @@ def _jittered(rng: np.random.Generator) -> Stamp:
     return lambda _, true: true + float(rng.normal(0.0, 0.004))
 
 
-def _twice(_: Any, rng: np.random.Generator) -> Injection:
-    """Every packet comes again in place of every other one."""
+def _twice(_: Any, __: np.random.Generator) -> Injection:
+    """Every other packet is the one before."""
     last: list[OperatorSample] = []
 
     def sample(_: float, made: OperatorSample) -> OperatorSample:
-        if last and rng.random() < 0.5:
-            return last[-1]
+        if last:
+            return last.pop()
         last.append(made)
         return made
 
@@ -214,10 +214,13 @@ LOOP: tuple[tuple[str, float, Inject, Expected], ...] = (
 def faults() -> Iterator[Fault]:
     """Yield them all."""
     for name, lasts, inject, expected, permanent in DEVICE:
-        yield Fault(name, "clock", lasts, inject, expected, permanent, recouples=_may_stop(expected))
+        stops_first = _may_stop(expected)
+        yield Fault(name, "clock", lasts, inject, expected, permanent, recouples=stops_first, patient=stops_first)
     for name, lasts, inject, expected in LOOP:
         permanent = lasts > 0.0 and "slow" in name
-        yield Fault(name, "loop", lasts, inject, expected, permanent, timed=True, recouples=_may_stop(expected))
+        yield Fault(
+            name, "loop", lasts, inject, expected, permanent, timed=True, recouples=_may_stop(expected), patient=True
+        )
 
 
 def _may_stop(expected: Expected) -> bool:

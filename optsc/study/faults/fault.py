@@ -179,6 +179,7 @@ class Fault:
         restarts: whether the caller itself begins the commands again.
         recouples: whether the hand is coupled again, so that it is not known where it leads the tool to.
         far: whether the arm may end where it cannot be led on in all directions.
+        patient: whether the operator waits before taking over until a clock that was wrong is believed again.
         interrupts: whether an interrupt may come out of `step`.
         quick: whether the hand is sampled at every tick.
         keeps_jaws: whether jaws that are closed have to stay so.
@@ -197,6 +198,7 @@ class Fault:
     restarts: bool = False
     recouples: bool = False
     far: bool = False
+    patient: bool = False
     interrupts: bool = False
     quick: bool = False
     keeps_jaws: bool = False

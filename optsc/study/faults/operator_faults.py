@@ -223,7 +223,8 @@ def faults() -> Iterator[Fault]:
     yield Fault("silence of 0.4 s", "operator", 0.4, acts(_silent), rests, recouples=True)
     yield Fault("the operator is gone", "operator", FROM_THEN_ON, acts(_silent), gone)
     yield Fault("the device says that it is lost", "operator", FROM_THEN_ON, acts(_lost), gone)
-    yield Fault("the operator is gone with a clock ahead", "operator", FROM_THEN_ON, acts(_ahead_then_silent), gone)
+    ahead = acts(_ahead_then_silent)
+    yield Fault("the operator is gone with a clock ahead", "operator", FROM_THEN_ON, ahead, gone, patient=True)
     yield from _jumps()
     yield Fault(
         "the clutch chatters", "operator", FROM_THEN_ON, _chatter("clutch"), everywhere(is_safe()), recouples=True

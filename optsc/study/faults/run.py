@@ -24,7 +24,11 @@ ENGAGES = 0.1
 SETTLED = 0.5
 """A hand at rest for this long [s] has been caught up with."""
 OPEN_TIME = 0.4
-"""For how long the operator lets go of the clutch before taking over [s]."""
+"""For how long the operator lets go of the clutch before taking over [s] ..."""
+PATIENCE = 1.8
+"""... and who waits until a clock is believed again [s]."""
+SLOWEST = 0.02
+"""The longest period of the samples [s]."""
 AGAIN_TIME = 1.8
 """How long the operator leads the arm then [s]."""
 TREMOR = 1e-4
@@ -92,8 +96,9 @@ class Record:
 class _Operator:
     """The script: what the hand does, and to where it leads the tool."""
 
-    def __init__(self, world: World, mode: Mode, rng: np.random.Generator) -> None:
+    def __init__(self, world: World, mode: Mode, rng: np.random.Generator, open_time: float) -> None:
         start = world.starts[mode]
+        self.open_time = open_time
         self.world, self.mode, self.hand, self.coupled = world, mode, start.hand, start.coupled
         away = rng.normal(size=3)
         away[2] = abs(away[2])
@@ -150,14 +155,14 @@ class _Operator:
     def again(self, time: float) -> OperatorSample:
         """Return the sample at ``time`` [s] after the fault: let go, take over, lead the arm, and rest."""
         step, self.last = time - self.last, time
-        if time < OPEN_TIME:
+        if time < self.open_time:
             # In manual mode and in hold nothing has to be cancelled.
             cancel = self.world.controller.mode.automatic and time > 0.05
             buttons = frozenset({Button.CANCEL}) if cancel else frozenset()
             return OperatorSample(0.0, self.hand, False, buttons=buttons)
         if not self.clutch:
             self.couple()
-        since = time - OPEN_TIME - 0.1
+        since = time - self.open_time - 0.1
         moving = self.move(self.away, 0.5 * MOVED, since - step, since, 0.6)
         self.resting = 0.0 if moving else self.resting + step
         return OperatorSample(0.0, self.hand, True)
@@ -169,9 +174,10 @@ class _Run:
     def __init__(self, world: World, mode: Mode, fault: Fault, seed: tuple[int, ...]) -> None:
         self.world, self.fault, self.rng = world, fault, np.random.default_rng(seed)
         world.restore(mode)
-        self.operator = _Operator(world, mode, self.rng)
+        self.operator = _Operator(world, mode, self.rng, PATIENCE if fault.patient else OPEN_TIME)
         self.injection: Injection = fault.inject(world, self.rng)
-        self.every = 1 if fault.quick else int(self.rng.integers(1, 5))
+        most = min(5, max(1, round(SLOWEST / world.period)))
+        self.every = 1 if fault.quick else int(self.rng.integers(1, most + 1))
         guard = world.controller.servo.guard
         self.record = Record(fault, mode, np.column_stack(guard.state), guard.limits)
         self.clock = world.controller.time
@@ -289,7 +295,7 @@ class _Run:
                 self.end()
             self.record.again = len(self.record.rows)
             self.operator.begin_again()
-            self._phase(self.operator.again, FAULT_TIME, OPEN_TIME + AGAIN_TIME)
+            self._phase(self.operator.again, FAULT_TIME, self.operator.open_time + AGAIN_TIME)
         self.record.jump = self.world.arm.now.jump
         return self.record
 
