@@ -212,6 +212,7 @@ def faults() -> Iterator[Fault]:
             modes=in_hold,
             far=True,
             permanent=True,
+            recouples=True,
         )
     moving = tuple(mode for mode in Mode if mode is not Mode.HOLD)
     yield Fault(
