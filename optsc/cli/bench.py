@@ -8,7 +8,7 @@ import shlex
 import sys
 from typing import Any
 
-from optsc.cli import bench_faults
+from optsc.cli import bench_faults, bench_rest
 from optsc.cli.options import actions_of, add_output, add_seed, checked_seed
 
 
@@ -35,6 +35,7 @@ def add_parser(subparsers: Any) -> None:
     add_output(soak, None, "where summary.json goes")
     soak.set_defaults(run=_soak)
     bench_faults.add_parser(actions)
+    bench_rest.add_parser(actions)
 
 
 def _soak(options: argparse.Namespace) -> int:

@@ -20,11 +20,17 @@ from optsc.collision.obstacles import Obstacles
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.ik.avoidance import Nearness
+from optsc.ik.differential import ramp_time
 from optsc.ik.solvers import QpSolver, Rows
+from optsc.robot.limits import JointLimits
 from optsc.robot.model import RobotModel
 
 ACTIVE = 1e-4
 """A row within this rate [m/s] of its bound holds the motion back."""
+LEAST_DELAY = 0.05
+"""Delay [s] of arms that ramp their accelerations quickly (tuned here)."""
+RAMPS = 2.0
+"""Delay of the others, in units of the time that they take for it (tuned here)."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,8 @@ class AvoidanceSettings(Checked):
         margin: distance that is kept [m]; less between links that are nearer to each other at home.
         braking: share of the deceleration that the joints have together that braking counts on [1].
         most_braking: deceleration at most that is counted on [m/s^2].
-        delay: time constant of coming to rest at the margin [s]; covers the delay by jerk limits.
+        delay: time constant of coming to rest at the margin [s]; covers the delay by jerk limits. By default it follows
+            from them: `RAMPS` times what the slowest joint takes to ramp up its acceleration, `LEAST_DELAY` at least.
         push: speed at most of being led out of the margin [m/s].
         weight: of missing a row, against the weights of the tool's task [s^2/m^2].
         most_rows: rows at most in one tick, those in greatest need.
@@ -45,11 +52,15 @@ class AvoidanceSettings(Checked):
     margin: Annotated[float, Range("0 to 1", 0.0, 1.0, open_high=True)] = 0.01
     braking: Annotated[float, Positive] = 0.4
     most_braking: Annotated[float, Positive] = 3.0
-    delay: Annotated[float, Positive] = 0.05
+    delay: Annotated[float | None, Positive] = None
     push: Annotated[float, Positive] = 0.1
     weight: Annotated[float, Positive] = 1e5
     most_rows: Annotated[int, AtLeast(1)] = 16
     boxes: Annotated[int, AtLeast(1)] = 4
+
+    def delay_of(self, limits: JointLimits) -> float:
+        """Return the delay [s] that is counted on with joints of ``limits``."""
+        return max(LEAST_DELAY, RAMPS * ramp_time(limits)) if self.delay is None else self.delay
 
 
 class CollisionAvoidance:
@@ -78,7 +89,7 @@ class CollisionAvoidance:
         values = self.model.settings
         values[RowSettings.BRAKING] = s.braking
         values[RowSettings.MOST_BRAKING] = s.most_braking
-        values[RowSettings.DELAY], values[RowSettings.PUSH] = s.delay, s.push
+        values[RowSettings.DELAY], values[RowSettings.PUSH] = s.delay_of(robot.limits), s.push
         self._near: DistanceRows | None = None
 
     @property

@@ -1,5 +1,7 @@
 """Soft rows behind every solver, and the rows that keep an arm clear."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -117,7 +119,7 @@ def test_the_allowed_approach_shrinks_to_nothing_at_the_margin_and_can_be_braked
         rates.append(allowed)
         able = np.abs(rows.matrix[k]) @ limits.acceleration
         if d > 0:
-            assert 0 <= allowed <= d / s.delay
+            assert 0 <= allowed <= d / s.delay_of(limits)
             assert allowed**2 / (2 * able) <= d  # the joints can brake within what is left
         else:
             assert -s.push <= allowed <= 0
@@ -188,3 +190,11 @@ def test_impossible_settings_are_refused(panda):
         CollisionAvoidance(panda[0], settings=AvoidanceSettings(margin=2.0))
     with pytest.raises(UnknownName, match="cube"):
         panda[1].move("cup", Pose.identity())
+
+
+def test_the_delay_follows_from_how_slowly_the_joints_ramp_up_their_accelerations():
+    limits = load_robot("panda").limits
+    assert AvoidanceSettings().delay_of(limits) == pytest.approx(0.05)
+    slow = replace(limits, jerk=limits.acceleration / 0.1)
+    assert AvoidanceSettings().delay_of(slow) == pytest.approx(0.2)
+    assert AvoidanceSettings(delay=0.3).delay_of(slow) == 0.3

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from optsc.collision import AvoidanceSettings, CollisionAvoidance
+from optsc.collision.avoidance import LEAST_DELAY
 from optsc.geometry import Pose, TriangleMesh
 from optsc.robot import load_robot
 
@@ -20,7 +21,7 @@ OUTSIDE, INSIDE = re.findall(r"allowed\(s\) = (.*?)\s+for s", PAGE)
 
 def allowed(s, A):
     settings = AvoidanceSettings()
-    names = {"A": A, "T": settings.delay, "push": settings.push, "s": s, "sqrt": sqrt, "max": max}
+    names = {"A": A, "T": LEAST_DELAY, "push": settings.push, "s": s, "sqrt": sqrt, "max": max}
     return eval(OUTSIDE if s > 0 else INSIDE, {"__builtins__": {}}, names)
 
 
@@ -54,7 +55,7 @@ def test_the_rows_are_those_of_the_formulas():
             names |= {"braking": settings.braking, "most_braking": settings.most_braking}
             A = eval(BRAKING, {"__builtins__": {}}, names)
             s = d - settings.margin
-            if s > 0 or s > -settings.push * settings.delay:  # beyond, blending may shorten the push
+            if s > 0 or s > -settings.push * LEAST_DELAY:  # beyond, blending may shorten the push
                 assert -lower == pytest.approx(allowed(s, A), abs=1e-9)
                 seen += 1
     assert seen > 40
