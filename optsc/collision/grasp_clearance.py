@@ -10,6 +10,9 @@ from optsc.collision.model import CollisionScene
 from optsc.geometry.rotation import Array
 from optsc.grasps import Candidates
 
+FEW = 8
+"""Rows that are looked at once and not twice: as many configurations as that cost less than another call."""
+
 
 @dataclass(frozen=True, eq=False)
 class GraspClearance:
@@ -32,6 +35,12 @@ class GraspClearance:
     def __call__(self, q_grasp: Array, q_pregrasp: Array, candidates: Candidates) -> np.ndarray:
         """Return which rows (R,) are clear."""
         targets = [candidates.object_names[k] for k in candidates.object_index.tolist()]
+        count = len(q_grasp)
+        if count <= FEW:
+            both = self.scene.clear(
+                np.concatenate([q_pregrasp, q_grasp]), hand_may_touch=[None] * count + targets
+            ).clear
+            return both[:count] & both[count:]
         clear = self.scene.clear(q_pregrasp).clear
         rest = np.flatnonzero(clear)  # a row that touches something already needs no second look
         clear[rest] = self.scene.clear(q_grasp[rest], hand_may_touch=[targets[k] for k in rest]).clear

@@ -72,7 +72,7 @@ def _displacement(hand: Hand, earlier: Hand) -> Vector:
 
 def _goals(goals: Goals, here: CostToGo, belief: Belief) -> tuple[Goal, ...]:
     """Return the objects as a policy is given them."""
-    best = [line.start + int(np.argmax(goals.manipulability[line])) for line in goals.lines()]
+    best = [line.start + int(np.argmax(goals.manipulability[line])) for line in goals.lines]
     rows = zip(goals.names, belief.probability.tolist(), here.row.tolist(), best, strict=True)
 
     def grasp(row: int) -> GraspPose:

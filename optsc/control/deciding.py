@@ -25,8 +25,10 @@ DECISION_TIME = 0.02
 """From the trigger to the decision at most [s]."""
 PIECE_TIME = 0.002
 """A tick does one piece of work for each such time [s] in its period, or part of it."""
-PIECES = 1 + round(DECISION_TIME / PIECE_TIME)
+PIECES = round(DECISION_TIME / PIECE_TIME)
 """Pieces of work of a decision at most; the first is done at the tick of the trigger."""
+SHORT = 0.004
+"""Ticks no longer than this [s] leave it to the next one to act on a decision that they have brought to its end."""
 CHOICES = 40
 """How many grasps are tried, best first, for one that the arm can go to on a straight path."""
 ROUNDS_AGAIN = 4

@@ -13,7 +13,7 @@ from optsc.control.approach import Approach
 from optsc.control.arbitration import Goal, GraspPose
 from optsc.control.belief_watch import BeliefWatch, believed
 from optsc.control.choice_state import ChoiceState, Decided, SceneError, followed, with_ranking
-from optsc.control.deciding import PIECE_TIME, Deciding, worked
+from optsc.control.deciding import PIECE_TIME, SHORT, Deciding, worked
 from optsc.control.displacement import displaced
 from optsc.control.modes import Event
 from optsc.control.servo import Servo
@@ -228,6 +228,9 @@ class GraspChoice:
             done=done,
             best=name,
             instead_of=target,
+            # The tick at which a button is pressed has enough to do.
+            pieces=1,
+            spent=1,
         )
         if state.ranking is not None:
             deciding = deciding.among(state.ranking, state.others)
@@ -239,11 +242,13 @@ class GraspChoice:
         if deciding is None:
             return state, None
         pieces = self.pieces(servo) - deciding.spent
-        deciding = deciding._replace(spent=0)
+        begun = deciding._replace(spent=0)
+        deciding = begun
         while not deciding.over(thorough) and (thorough or pieces > 0):
             deciding = worked(deciding, self.robot, self.approach, self.selector, thorough)
             pieces -= 1
-        if not deciding.over(thorough):
+        acts = thorough or deciding is begun or servo.period > SHORT
+        if not (acts and deciding.over(thorough)):
             return state._replace(deciding=deciding), None
         target, others, reason = deciding.chosen()
         ranking = deciding.ranking

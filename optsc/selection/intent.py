@@ -21,6 +21,7 @@ objects.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import pi
 from typing import Annotated, NamedTuple
 
@@ -130,8 +131,9 @@ class Goals:
             table.manipulability.reshape(-1)[rows],
         )
 
+    @cached_property
     def lines(self) -> list[slice]:
-        """Return which poses are those of each object (K,)."""
+        """Which poses are those of each object (K,)."""
         ends = np.searchsorted(self.line, np.arange(len(self.names)), side="right")
         return [slice(*pair) for pair in zip(self.first.tolist(), ends.tolist(), strict=True)]
 
@@ -150,7 +152,7 @@ def cost_to_go(settings: IntentSettings, goals: Goals, position: Array, quaterni
     distance = np.linalg.norm(goals.positions - position, axis=1)
     angle = rotation.angle(goals.quaternions, quaternion)
     value = settings.translation.value(distance) + settings.rotation.value(angle)
-    row = np.array([line.start + int(np.argmin(value[line])) for line in goals.lines()], dtype=np.int64)
+    row = np.array([line.start + int(np.argmin(value[line])) for line in goals.lines], dtype=np.int64)
     return CostToGo(value[row], row, distance[row], angle[row])
 
 

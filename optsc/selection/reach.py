@@ -301,25 +301,26 @@ class ReachSolver(Checked):
         return columns
 
 
+def joined(parts: Sequence[JudgedRows]) -> JudgedRows:
+    """Return several parts as one; there is at least one."""
+    *arrays, columns = (list(values) for values in zip(*parts, strict=True))
+    together = {name: np.concatenate([one[name] for one in columns]) for name in columns[0]}
+    return JudgedRows(*map(np.concatenate, arrays), together)
+
+
 def with_rows(table: ReachTable, parts: Sequence[JudgedRows]) -> ReachTable:
     """Return a table with what was found out about some of its rows."""
     if not parts:
         return table
-    rows = np.concatenate([part.rows for part in parts])
-
-    def changed(values: np.ndarray, new: Sequence[np.ndarray]) -> np.ndarray:
-        return _with_rows(values, rows, np.concatenate(new))
-
+    rows, q_grasp, q_pregrasp, status, M, seeds, columns = joined(parts)
     return replace(
         table,
-        q_grasp=changed(table.q_grasp, [part.q_grasp for part in parts]),
-        q_pregrasp=changed(table.q_pregrasp, [part.q_pregrasp for part in parts]),
-        status=changed(table.status, [part.status for part in parts]),
-        manipulability=changed(table.manipulability, [part.manipulability for part in parts]),
-        seed=changed(table.seed, [part.seeds for part in parts]),
-        columns={
-            name: changed(values, [part.columns[name] for part in parts]) for name, values in table.columns.items()
-        },
+        q_grasp=_with_rows(table.q_grasp, rows, q_grasp),
+        q_pregrasp=_with_rows(table.q_pregrasp, rows, q_pregrasp),
+        status=_with_rows(table.status, rows, status),
+        manipulability=_with_rows(table.manipulability, rows, M),
+        seed=_with_rows(table.seed, rows, seeds),
+        columns={name: _with_rows(values, rows, columns[name]) for name, values in table.columns.items()},
     )
 
 

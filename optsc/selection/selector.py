@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 FINALISTS = 6
 """How many of the best grasps of each object must be judged from the arm's present configuration."""
-ROWS_AGAIN = 4
+ROWS_AGAIN = 3
 """Rows that one piece of work solves again, or checks for collision."""
 
 

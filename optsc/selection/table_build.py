@@ -11,17 +11,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsc.selection.reach import ClearRows, FoundRows, JudgedRows, ReachSolver, ReachTable, with_rows
+from optsc.selection.reach import ClearRows, FoundRows, JudgedRows, ReachSolver, ReachTable, joined, with_rows
 
 if TYPE_CHECKING:
     from optsc.grasps import Candidates
 
-ROWS_SOLVED = 6
-"""Rows that one piece solves, or checks for collision."""
-ROWS_JUDGED = 5
-"""Rows whose configurations are known, of which one piece checks what they touch now."""
+ROWS_SOLVED = 8
+"""Rows that one piece solves."""
+ROWS_JUDGED = 4
+"""Rows whose configurations are known, which one piece checks for what they touch."""
 NO_ROWS = np.zeros(0, dtype=np.int64)
 NO_ROWS.flags.writeable = False
+PARTS = 16
+"""So many parts are put together to one as soon as they are there, so that the end does not have to do it all."""
 MOVED = 0.01
 """A grasp that has moved by more than this [m] is no longer there: half a pad's width."""
 
@@ -82,17 +84,27 @@ def advanced(build: TableBuild, solver: ReachSolver) -> TableBuild:
     if len(build.kept) and build.source is not None:
         rows, of_known = build.kept[:ROWS_JUDGED], build.of_known[:ROWS_JUDGED]
         part = solver.judged_again(build.table, rows, build.source, of_known, build.clear)
-        return build._replace(
-            kept=build.kept[ROWS_JUDGED:], of_known=build.of_known[ROWS_JUDGED:], parts=(*build.parts, part)
-        )
+        build = build._replace(kept=build.kept[ROWS_JUDGED:], of_known=build.of_known[ROWS_JUDGED:])
+        return _with_part(build, part)
     if build.found is not None:
-        part = solver.judged(build.table, build.found, build.clear)
-        return build._replace(found=None, parts=(*build.parts, part))
+        some = FoundRows(*(values[:ROWS_JUDGED] for values in build.found))
+        rest = FoundRows(*(values[ROWS_JUDGED:] for values in build.found))
+        part = solver.judged(build.table, some, build.clear)
+        return _with_part(build._replace(found=rest if len(rest.rows) else None), part)
     if len(build.unsolved):
         q = build.table.seed[0, 0]
         found = solver.found(build.table, build.unsolved[:ROWS_SOLVED], q)
         return build._replace(found=found, unsolved=build.unsolved[ROWS_SOLVED:])
     return build if build.whole is not None else build._replace(whole=with_rows(build.table, build.parts))
+
+
+def _with_part(build: TableBuild, part: JudgedRows) -> TableBuild:
+    """Return the build with another part; the last ones are put together where there are enough."""
+    parts = (*build.parts, part)
+    recent = [one for one in parts if len(one.rows) <= ROWS_SOLVED]
+    if len(recent) < PARTS:
+        return build._replace(parts=parts)
+    return build._replace(parts=(*parts[: -len(recent)], joined(recent)))
 
 
 def no_longer_there(before: Candidates, now: Candidates) -> np.ndarray:
