@@ -247,10 +247,12 @@ class GraspChoice:
         while not deciding.over(thorough) and (thorough or pieces > 0):
             deciding = worked(deciding, self.robot, self.approach, self.selector, thorough)
             pieces -= 1
-        acts = thorough or deciding is begun or servo.period > SHORT
-        if not (acts and deciding.over(thorough)):
+        if not deciding.over(thorough):
             return state._replace(deciding=deciding), None
         target, others, reason = deciding.chosen()
+        if target is not None and deciding is not begun and servo.period <= SHORT and not thorough:
+            # To set out is enough for a tick, too.
+            return state._replace(deciding=deciding), None
         ranking = deciding.ranking
         state = state._replace(deciding=None, others=others)
         if ranking is not None and deciding.purpose is not Event.RETARGETED:

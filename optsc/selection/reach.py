@@ -303,9 +303,11 @@ class ReachSolver(Checked):
 
 def joined(parts: Sequence[JudgedRows]) -> JudgedRows:
     """Return several parts as one; there is at least one."""
-    *arrays, columns = (list(values) for values in zip(*parts, strict=True))
-    together = {name: np.concatenate([one[name] for one in columns]) for name in columns[0]}
-    return JudgedRows(*map(np.concatenate, arrays), together)
+    rows, q_grasp, q_pregrasp, status, M, seeds = (
+        np.concatenate([part[k] for part in parts]) for k in range(len(JudgedRows._fields) - 1)
+    )
+    columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
+    return JudgedRows(rows, q_grasp, q_pregrasp, status, M, seeds, columns)
 
 
 def with_rows(table: ReachTable, parts: Sequence[JudgedRows]) -> ReachTable:
