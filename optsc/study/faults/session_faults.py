@@ -45,7 +45,7 @@ class _Counted:
         return self.world.hooks.call(name, genuine, *arguments)
 
 
-class _Operator:
+class _SteadyHand:
     """A hand that moves steadily, and is always coupled."""
 
     def __init__(self, counted: _Counted, hand: Pose) -> None:
@@ -114,7 +114,7 @@ def session_problems(world: World, mode: Mode, fault: Fault, seed: tuple[int, ..
     arm, ticks = _Arm(counted), list[Tick]()
     session = Session(
         world.controller,
-        operator=_Operator(counted, start.hand),
+        operator=_SteadyHand(counted, start.hand),
         follower=arm,
         watch=lambda time, measured: counted.call("watch", lambda *_: None, time, measured),
         watch_period=world.period,
