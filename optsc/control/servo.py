@@ -25,7 +25,7 @@ from optsc.control.servo_settings import ServoSettings
 from optsc.control.state import Numbers, ServoSnapshot, ServoState
 from optsc.control.status import Command, Status, error_text
 from optsc.control.tracking import Tracking
-from optsc.errors import Mismatch
+from optsc.errors import InvalidValue, Mismatch
 from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.geometry.scalar import Quaternion, Vector
@@ -279,6 +279,9 @@ class Servo:
         if self.avoid is not None:
             bounds = guard.lowest.copy(), guard.highest.copy()
             rest = self.avoid.stopping(guard.q.copy(), *bounds, self.ik.solver)
+            fastest = np.maximum(guard.limits.velocity, np.abs(guard.columns[1]))
+            if rest.shape != fastest.shape or not (np.abs(rest) <= fastest).all():
+                raise InvalidValue("velocity of avoidance to stop with", rest.tolist(), "n numbers within the limits")
         return self._come_to_rest(rest, status, reason, start)
 
     def _come_to_rest(self, velocity: Array, status: Status, reason: str, start: float) -> Command:

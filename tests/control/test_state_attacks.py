@@ -457,3 +457,19 @@ def test_no_sample_with_no_reading_at_no_time_makes_a_tick_raise(world):
             assert np.all(np.isfinite(step.command.q))
         assert step.mode is Mode.HOLD
         assert step.reason
+
+
+@pytest.mark.parametrize("wrong", [np.full(7, 1e300), np.full(7, np.nan), np.full(7, 3.0), np.zeros(6), None])
+def test_a_velocity_to_stop_with_that_is_none_stops_the_arm_by_its_limits_alone(robot, wrong, monkeypatch):
+    avoid = CollisionAvoidance(robot, {"cube": (CUBE, Pose.from_translation([9.0, 0.0, 0.0]))})
+    servo = Servo(robot, avoid=avoid)
+    X = robot.forward(robot.home)
+    for k in range(100):
+        servo.step(Pose(X.quaternion, X.translation + [3e-4 * k, 0.0, 0.0]))
+    monkeypatch.setattr(avoid, "stopping", lambda *_: wrong)
+    commands = [servo.step() for _ in range(300)]
+    assert commands[-1].status is Status.UNSOLVED
+    assert commands[-1].reason
+    np.testing.assert_allclose(commands[-1].v, 0.0, atol=1e-12)
+    q = np.array([command.q for command in commands])
+    assert np.abs(q[-1] - q[0]).max() < 0.1

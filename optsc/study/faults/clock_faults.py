@@ -29,6 +29,10 @@ NOTHING_USABLE = Expected(stays_in_hold(), stops(), holds())
 """Where no sample can be used: hold is not left, the arm comes to rest, and what the robot does by itself ends."""
 
 
+COUPLED_AGAIN = goes_on_everywhere(3e-3, 0.03)
+"""Until a clock is learnt that is so far off, samples may be late for a moment, after which the hand is coupled again."""
+
+
 def stamped(make: Callable[[np.random.Generator], Stamp]) -> Inject:
     """Return a fault of the device's clock."""
 
@@ -135,8 +139,8 @@ def _late(delay: float) -> Inject:
 DEVICE: tuple[tuple[str, float, Inject, Expected, bool], ...] = (
     ("device clock 1 % fast", FROM_THEN_ON, _drift(0.01), goes_on_everywhere(), True),
     ("device clock 1 % slow", FROM_THEN_ON, _drift(-0.01), goes_on_everywhere(), True),
-    ("device clock 10 % fast", FROM_THEN_ON, _drift(0.1), goes_on_everywhere(moving=0.03), True),
-    ("device clock 10 % slow", FROM_THEN_ON, _drift(-0.1), goes_on_everywhere(moving=0.03), True),
+    ("device clock 10 % fast", FROM_THEN_ON, _drift(0.1), COUPLED_AGAIN, True),
+    ("device clock 10 % slow", FROM_THEN_ON, _drift(-0.1), COUPLED_AGAIN, True),
     ("device clock steps ahead by 1 s", FROM_THEN_ON, _ahead(0.9, 1.1), goes_on_everywhere(), True),
     ("device clock steps ahead by 10 s", FROM_THEN_ON, _ahead(9.0, 11.0), goes_on_everywhere(), True),
     ("device clock steps back by 30 ms", FROM_THEN_ON, _ahead(-0.04, -0.02), goes_on_everywhere(), True),
@@ -225,4 +229,4 @@ def faults() -> Iterator[Fault]:
 
 def _may_stop(expected: Expected) -> bool:
     """Tell whether the arm may stop meanwhile, after which the hand is coupled again where it is."""
-    return expected.manual.name != "goes on"
+    return expected.manual.name != "goes on" or expected is COUPLED_AGAIN

@@ -80,6 +80,7 @@ class Answer(NamedTuple):
         turning: how far the tool may turn from the orientation that the hand leads it to [rad].
         never: modes that it must not come to.
         led: whether the command may still be on its way to where the arm is.
+        follows: whether the status at the end has to be that the arm follows.
     """
 
     name: str
@@ -89,6 +90,7 @@ class Answer(NamedTuple):
     turning: float = inf
     never: tuple[Mode, ...] = ()
     led: bool = False
+    follows: bool = True
 
     @property
     def words(self) -> str:

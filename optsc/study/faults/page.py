@@ -26,7 +26,7 @@ What a real loop, a real tracker and a real arm do wrong, and what the shared co
 from `optsc/study/faults`; after a change there run `optsc bench faults --page docs/faults.md`.
 
 `optsc bench faults` drives the controller into each mode (by a snapshot of a run without a fault), does the fault once,
-for a while or from then on, and goes on for 1.4 s; in hold the operator closes the clutch meanwhile, in manual mode the
+for a while or from then on, and goes on for 1.6 s; in hold the operator closes the clutch meanwhile, in manual mode the
 hand moves 6 cm, otherwise it keeps still. Then the operator lets go, closes the clutch and leads the arm 3 cm. Whatever
 the fault is:
 

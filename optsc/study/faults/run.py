@@ -17,11 +17,13 @@ from optsc.operators import Button, OperatorSample
 from optsc.study.faults.fault import Fault, Injection
 from optsc.study.faults.world import AFTER, MOVED, MOVING_TIME, R_WS, World, smooth
 
-FAULT_TIME = 1.4
+FAULT_TIME = 1.6
 """For how long a run goes on after a fault has begun, before the operator begins again [s]."""
 ENGAGES = 0.1
 """When the operator tries to leave hold [s] after the beginning."""
-SETTLED = 0.5
+STILL = 0.1
+"""For how long the hand is still after it has closed the clutch [s]."""
+SETTLED = 0.6
 """A hand at rest for this long [s] has been caught up with."""
 OPEN_TIME = 0.4
 """For how long the operator lets go of the clutch before taking over [s] ..."""
@@ -114,11 +116,13 @@ class _Operator:
         self.hand = Pose(self.hand.quaternion, self.hand.translation + step)
         return share > 0.0
 
-    def couple(self) -> None:
-        """Close the clutch: from here on it is known where the hand leads the tool to."""
+    def couple(self, still: bool) -> None:
+        """Close the clutch; from the tick at which the hand leads the tool, and is still, it is known where to."""
         self.clutch = True
-        tool = self.world.robot.forward(self.world.controller.servo.guard.q)
-        self.coupled = tool, self.world.in_world(self.hand)
+        controller = self.world.controller
+        if still and self.coupled is None and controller.mode is Mode.MANUAL:
+            tool = self.world.robot.forward(controller.servo.guard.q)
+            self.coupled = tool, self.world.in_world(self.hand)
 
     @property
     def target(self) -> Pose | None:
@@ -132,9 +136,9 @@ class _Operator:
         """Return the sample at ``time`` [s] after the beginning, during the fault."""
         step, moving = time - self.last, False
         if self.mode is Mode.HOLD:
-            if time >= ENGAGES and not self.clutch:
-                self.couple()
-            since = time - ENGAGES - 0.1
+            if time >= ENGAGES:
+                self.couple(time < ENGAGES + STILL)
+            since = time - ENGAGES - STILL
             moving = self.move(self.away, 0.5 * MOVED, since - step, since, 0.6)
         elif self.mode is Mode.MANUAL:
             since = time + AFTER[Mode.MANUAL]
@@ -160,9 +164,8 @@ class _Operator:
             cancel = self.world.controller.mode.automatic and time > 0.05
             buttons = frozenset({Button.CANCEL}) if cancel else frozenset()
             return OperatorSample(0.0, self.hand, False, buttons=buttons)
-        if not self.clutch:
-            self.couple()
-        since = time - self.open_time - 0.1
+        self.couple(time < self.open_time + STILL)
+        since = time - self.open_time - STILL
         moving = self.move(self.away, 0.5 * MOVED, since - step, since, 0.6)
         self.resting = 0.0 if moving else self.resting + step
         return OperatorSample(0.0, self.hand, True)

@@ -62,7 +62,7 @@ class _SteadyHand:
 
 
 class _Arm:
-    """The world's arm as a `Follower`, which keeps every command that it is given."""
+    """The world's arm as a `Follower`, which keeps every command that it has followed."""
 
     def __init__(self, counted: _Counted) -> None:
         self._counted, self.arm, self.commands = counted, counted.world.arm, list[tuple[Array, Array]]()
@@ -81,11 +81,11 @@ class _Arm:
 
     def apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
         """Follow a command, or what the hook answers."""
-        self.commands.append((np.array(q, dtype=float), np.array(v, dtype=float)))
         return self._counted.call("follower", self._apply, q, v, opening, period)
 
     def _apply(self, q: ArrayLike, v: ArrayLike, opening: float, period: float) -> FollowerState:
         self.arm.apply(q, v, opening, period)
+        self.commands.append((np.array(q, dtype=float), np.array(v, dtype=float)))
         return self.arm.measured()
 
     def objects(self) -> Mapping[str, Pose]:
