@@ -30,7 +30,7 @@ NOTHING_USABLE = Expected(stays_in_hold(), stops(), holds())
 
 
 COUPLED_AGAIN = goes_on_everywhere(3e-3, 0.03)
-"""Until a clock is learnt that is so far off, samples may be late for a moment, after which the hand is coupled again."""
+"""Until a clock so far off is learnt, samples may be late for a moment; after that the hand is coupled again."""
 
 
 def stamped(make: Callable[[np.random.Generator], Stamp]) -> Inject:
