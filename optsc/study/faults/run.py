@@ -112,9 +112,11 @@ class _Operator:
     def move(self, axis: Array, length: float, since: float, until: float, duration: float) -> bool:
         """Move the hand along ``axis`` in W; return whether it moves."""
         share = smooth(until / duration) - smooth(since / duration)
+        if share == 0.0:
+            return False
         step = rotation.rotate(rotation.conjugate(np.array(R_WS)), length * share * axis)
         self.hand = Pose(self.hand.quaternion, self.hand.translation + step)
-        return share > 0.0
+        return True
 
     def couple(self, still: bool) -> None:
         """Close the clutch; from the tick at which the hand leads the tool, and is still, it is known where to."""

@@ -15,7 +15,7 @@ from optsc.control.fine_tuning import FineTuning
 from optsc.control.modes import Mode
 from optsc.control.policies import Alternating
 from optsc.errors import SolverFailure
-from optsc.geometry import Pose, rotation
+from optsc.geometry import Pose, rotation, scalar
 from optsc.geometry.rotation import Array
 from optsc.grasps import Candidates
 from optsc.operators import Button, ClutchSettings, OperatorSample
@@ -155,8 +155,9 @@ class World:
 
     def in_world(self, hand: Pose) -> Pose:
         """Return a hand in S in the world's axes."""
-        R = np.array(self.controller.clutch.R_WS)
-        return Pose(rotation.multiply(R, hand.quaternion), rotation.rotate(R, hand.translation))
+        R = self.controller.clutch.R_WS
+        q, p = tuple(hand.quaternion.tolist()), tuple(hand.translation.tolist())
+        return Pose(np.array(scalar.multiply(R, q)), np.array(scalar.rotate(R, p)))
 
 
 class _Drive:
