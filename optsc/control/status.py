@@ -152,7 +152,7 @@ def judge(robot: RobotModel, guard: JointGuard, wished: Array, near: Nearness | 
         near: the pair of bodies that avoidance keeps apart there, if any.
         miss: how the tool misses its target.
     """
-    found = held_back(robot, guard, wished, near)
+    found = held_back(robot, guard, wished, near, Bound.POSITION if miss.stalled else Bound.JERK)
     if found is None and miss.singular:
         found = near_singularity(robot, guard.q, miss.error)
     if found is not None:
@@ -166,12 +166,18 @@ def _distance(sizes: tuple[float, float]) -> str:
     return f"{1e3 * sizes[0]:.1f} mm and {np.degrees(sizes[1]):.1f} degrees"
 
 
-def held_back(robot: RobotModel, guard: JointGuard, wished: Array, near: Nearness | None) -> Verdict | None:
-    """Return what holds a wished velocity (n,) back, if anything does: something near, or a limit of a joint."""
+def held_back(
+    robot: RobotModel, guard: JointGuard, wished: Array, near: Nearness | None, least: Bound = Bound.JERK
+) -> Verdict | None:
+    """Return what holds a wished velocity (n,) back, if anything does: something near, or a limit of a joint.
+
+    Of limits those count from ``least`` on: an arm that has come to rest is held by positions, not by rates.
+    """
     if near is not None:
         return Verdict(Status.BLOCKED, f"{near.link} is {1e3 * near.distance:.0f} mm from {near.other}")
     room = ROUNDING * guard.limits.velocity
-    at_low, at_high = wished <= guard.lowest + room, wished >= guard.highest - room
+    at_low = (wished <= guard.lowest + room) & (guard.bounds[:, 0] >= least)
+    at_high = (wished >= guard.highest - room) & (guard.bounds[:, 1] >= least)
     if not (at_low | at_high).any():
         return None
     joint = int(np.argmax(at_low | at_high))

@@ -42,6 +42,12 @@ STALLED = 0.1
 """Time [s] without much to gain after which nothing counts as leading nearer (tuned here)."""
 LAGGING = (5e-3, 0.02)
 """Distance and angle [m, rad] of the tool to the reference up to which the reference does not wait (tuned here)."""
+PUSHED = 5e-3
+"""Rate [m/s] from which on a distance that has to grow is more than rounding (tuned here)."""
+NEARBY = 0.1
+"""Share of the greatest velocities that is a slow motion (tuned here)."""
+AT_END = 1e-3
+"""A joint this near to the end of its range [rad, m] counts as being there (tuned here)."""
 WAITING = 9e-3
 """Time constant [s] with which a reference that waits takes on the target's own velocity (tuned here)."""
 
@@ -102,10 +108,10 @@ class Tracking:
         self._waiting = 1.0 - exp(-ik.period / WAITING)
         self._singular_volume = SINGULAR_SHARE * typical_volume(self.robot)
         self._settled = build_kernel(settled(self.robot.chain))
-        for index, memory in ((0, numbers.joints), (2, ik.descent), (3, self._end), (4, numbers.waiting)):
+        for index, memory in ((0, numbers.joints), (4, ik.descent), (5, self._end), (6, numbers.waiting)):
             self._settled.bind(index, memory)
-        self._settled.bind(5, guard.interval)
-        _, self._wish, *_, self._bound, values = self._settled.inputs
+        self._settled.bind(7, guard.interval)
+        _, self._wish, self._free, self._resting, *_, self._bound, values = self._settled.inputs
         values[: SettlingSettings.PERIOD] = settings.ik.components
         weight, share = smoothness(settings.ik.smoothing, ik.period)
         values[SettlingSettings.PERIOD : SettlingSettings.SIZE] = ik.period, weight, share * ik.period
@@ -150,25 +156,45 @@ class Tracking:
         reference[:] = self._next_reference
         if not step.solved:
             return TrackingStep(step.velocity, step, FOLLOWING, step.error)
+        unhurried = None if numbers.waiting[0] == 0.0 else self._unhurried()
+        free = step.velocity if unhurried is None else unhurried
+        self._resting[0] = unhurried is not None
         # Rows that lead the arm away from something have to be kept.
-        self._wish[:], self._bound[0] = step.velocity, rows is not None and (rows.lower > 0.0).any()
+        self._bound[0] = rows is not None and (rows.lower > PUSHED).any()
+        self._wish[:], self._free[:] = step.velocity, free
         self._settled.run()
         numbers.waiting[:] = self._waited
         self._wait(step.error)
         velocity, error = self._given.copy(), self._error.copy()
-        return TrackingStep(velocity, step, self._judged(step, velocity, error, pace), error)
+        return TrackingStep(velocity, step, self._judged(step, free, velocity, error, pace), error)
 
-    def _judged(self, step: IkStep, velocity: Array, error: Array, pace: float) -> Verdict:
-        """Return what holds the tick back, after which the tool has this error (6,) to the target."""
+    def _unhurried(self) -> Array | None:
+        """Return what an arm at rest would wish (n,) if its joints could change their velocities at once.
+
+        Asked where there seems to be little to gain: an arm at rest can only begin slowly, which is not to stall. None
+        for an arm that moves. Bodies count that are so near that they hold a slow motion.
+        """
+        guard = self.guard
+        (q, v, _), (lower, upper), most = guard.columns, guard.limits.positions, guard.limits.velocity
+        if (np.abs(v) > STILL * most).any():
+            return None
+        lowest = np.where(q - lower < AT_END, 0.0, -most)
+        highest = np.where(upper - q < AT_END, 0.0, most)
+        rows = None if self.avoid is None else self.avoid.rows(q.copy(), NEARBY * lowest, NEARBY * highest)
+        return self.ik.at_once(lowest, highest, rows)
+
+    def _judged(self, step: IkStep, free: Array, velocity: Array, error: Array, pace: float) -> Verdict:
+        """Return what holds a tick back that wishes ``free`` (n,), after which the tool has this error (6,)."""
         distance, angle, speed, turning, fastest = self._sizes.tolist()
         if within(distance, angle, speed, turning):
             return FOLLOWING if pace >= 1.0 or fastest < STILL else Verdict.spare(self.robot, velocity)
         far = distance > self.settings.far[0] or angle > self.settings.far[1]
         stalled = float(self.numbers.waiting[0]) > STALLED
         miss = Miss(error, (distance, angle), far, stalled, step.volume < self._singular_volume)
-        # Judged is what was wished, not what was given of it.
-        near = None if self.avoid is None else self.avoid.blocking(step.velocity.copy())
-        return judge(self.robot, self.guard, step.velocity, near, miss)
+        # Judged is what is wished, not what is given of it.
+        near = None if self.avoid is None else self.avoid.blocking(free.copy())
+        wished = np.minimum(np.maximum(free, self.guard.lowest), self.guard.highest)
+        return judge(self.robot, self.guard, wished, near, miss)
 
     def _wait(self, error: Array) -> None:
         """Let the reference wait for an arm that has fallen behind, so that there is no distance to make up in a rush.

@@ -25,7 +25,7 @@ in its own frame, so that a weight belongs to one degree of freedom of the tool:
   `posture_speed`; less where the tool is on its reference and the target rests, at rest nothing.
 * d: `damping`; c: damping against curvature, with l the greatest lever of a joint [m] and P the pull V - twist:
 
-      c = 0.2 * (l * norm(w**2 * P)[linear] + norm(w**2 * P)[angular]) * (1 / k + 0.5 * t)
+      c = 0.4 * (l * norm(w**2 * P)[linear] + norm(w**2 * P)[angular]) * (1 / k + t)
 
 * M' M is the Hessian of the first three terms, so that the smoothness task is the same filter in every direction of the
   joints; w_s, r: see `smoothness`.
@@ -127,7 +127,7 @@ class IkSettings(Checked):
     posture_gain: Annotated[float, NonNegative] = 1.0
     posture_speed: Annotated[float, NonNegative] = 0.2
     manipulability_gain: Annotated[float, NonNegative] = 0.0
-    smoothing: Annotated[float, NonNegative] = 5e-3
+    smoothing: Annotated[float, NonNegative] = 4e-3
     damping: Annotated[float, NonNegative] = 1e-5
 
     def __post_init__(self) -> None:
@@ -260,6 +260,15 @@ class DifferentialIK:
             solution.reason,
             solution.slack,
         )
+
+    def at_once(self, lowest: Array, highest: Array, rows: Rows | None) -> Array | None:
+        """Return the solution (n,) of the last tick's program without smoothness, of an arm at rest; None if none is.
+
+        Within other bounds and rows than the tick's.
+        """
+        weight = 1.0 + smoothness(self.settings.smoothing, self.period)[0]
+        solution = self.solver.solve(self._H.T / weight, self._g, lowest, highest, rows)
+        return solution.x if solution.solved else None
 
     def _solution(self, lowest: Array, highest: Array, rows: Rows | None) -> QpSolution:
         """Return the solution of the program that the kernel has written."""

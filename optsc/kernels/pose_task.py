@@ -13,9 +13,9 @@ from optsc.kernels.chain import Chain, tool_kinematics
 from optsc.kernels.reference import at_most
 from optsc.kernels.symbols import symbols
 
-LEVERS = 0.2
+LEVERS = 0.4
 """Share of the greatest lever that curvature is counted with (tuned here)."""
-STOPS = 0.5
+STOPS = 1.0
 """Share of the time that joints need to stop by which a change of their velocities counts as delayed (tuned here)."""
 MISSED = 1e-3
 """Weighted error from which on spare motion is as quick as while the target moves (tuned here)."""

@@ -7,12 +7,15 @@ half of all of them the arm is brought to rest, and in between the share rises e
 * the target moves (`optsc.kernels.reference.AT_REST`);
 * the tool comes nearer by at least the share `PRODUCTIVE` of what is asked of it;
 * it comes nearer by at least the share `WORTHWHILE` of its distance per second;
-* a joint moves faster than the share `SLOW` of its greatest velocity.
+* it comes nearer at all, and a joint moves faster than the share `SLOW` of its greatest velocity.
 
-The last two grow with the square of the time that the first two have not held, in units of `PATIENCE`; for the first
-`GRACE` of it everything is given. The time begins again where the target goes to another place. So an arm that is on
-its way is never stopped, one that finds nothing to gain stops within about two seconds, and one that is freed (an
-obstacle leaves, the target comes back) goes on at once.
+Whether it comes nearer by enough is asked of an arm at rest as if its joints could change their velocities at once: it
+can only begin slowly.
+
+The last two grow with the time that the first two have not held, in units of `PATIENCE`: with its square, and with its
+fourth power. For the first `GRACE` of it everything is given. It begins again where the target goes to another place.
+So an arm that is arriving is never stopped, one that finds nothing to gain stops within about two seconds, and one that
+is freed (an obstacle leaves, the target comes back) goes on at once.
 """
 
 from __future__ import annotations
@@ -59,9 +62,10 @@ class SettlingSettings:
 def settled(chain: Chain) -> casadi.Function:
     """Return what is given of a wished joint velocity, and how far the tool then is from its target.
 
-    Inputs: joints (n, 3), positions, velocities and accelerations; the wish (n); the descent (n + 2) of `pose_task`;
-    the target at the end of the tick (14) of `reference_model`; waiting (`WAITING`); interval (n, 2) that the velocity
-    is held in; one where the wish has to be given; settings (15 + n), see `SettlingSettings`.
+    Inputs: joints (n, 3), positions, velocities and accelerations; the wish (n); the same for joints that can change
+    their velocities at once (n), and one where that is asked; the descent (n + 2) of `pose_task`; the target at the end
+    of the tick (14) of `reference_model`; waiting (`WAITING`); interval (n, 2) that the velocity is held in; one where
+    the wish has to be given; settings (15 + n), see `SettlingSettings`.
 
     Outputs: the velocity (n); the waiting after the tick; the error (6) at its end, target minus tool in T's axes,
     beyond the tolerances, in the components that count; distance and angle of that error, speed and angular speed of
@@ -72,6 +76,8 @@ def settled(chain: Chain) -> casadi.Function:
         casadi.SX,
         joints=(n, 3),
         wish=n,
+        free=n,
+        resting=1,
         descent=n + 2,
         target=14,
         waiting=WAITING,
@@ -79,12 +85,15 @@ def settled(chain: Chain) -> casadi.Function:
         bound=1,
         settings=SettlingSettings.SIZE + n,
     )
-    joints, wish, descent, target, waiting, interval, bound, s = inputs
+    joints, wish, free, resting, descent, target, waiting, interval, bound, s = inputs
     period, weight, most = s[SettlingSettings.PERIOD], s[SettlingSettings.SMOOTHNESS], s[SettlingSettings.SIZE :]
     q, v, a = (joints[:, k] for k in range(3))
     # What the smoothness task has made of the wish is undone, or an arm at rest would seem to have none.
-    plain = (1.0 + weight) * wish - weight * (v + s[SettlingSettings.ONWARD] * a)
-    share, after = _share(plain / most, casadi.dot(descent[:n], plain), descent[n:], target, waiting, period)
+    onward = weight * (v + s[SettlingSettings.ONWARD] * a)
+    plain = (1.0 + weight) * wish - onward
+    free = casadi.if_else(resting > 0.0, free, plain)
+    progress = [casadi.dot(descent[:n], x) for x in (plain, free)]
+    share, after = _share(plain / most, progress, descent[n:], target, waiting, period)
     share = casadi.if_else(bound > 0.0, 1.0, share)
     given = wish - (1.0 - share) / (1.0 + weight) * plain
     given = casadi.fmin(casadi.fmax(given, interval[:, 0]), interval[:, 1])
@@ -99,18 +108,23 @@ def settled(chain: Chain) -> casadi.Function:
 
 
 def _share(
-    speeds: casadi.SX, progress: casadi.SX, of: casadi.SX, target: casadi.SX, waiting: casadi.SX, period: casadi.SX
+    speeds: casadi.SX,
+    progress: list[casadi.SX],
+    of: casadi.SX,
+    target: casadi.SX,
+    waiting: casadi.SX,
+    period: casadi.SX,
 ) -> tuple[casadi.SX, casadi.SX]:
     """Return the share that is given, in [0, 1], and the waiting after the tick."""
     square, asked = of[0], of[1]
-    moving = casadi.fmax(target[13], progress / (PRODUCTIVE * (asked + NEGLIGIBLE)))
+    moving = casadi.fmax(target[13], progress[1] / (PRODUCTIVE * (asked + NEGLIGIBLE)))
     fresh = casadi.logic_or(waiting[0] == 0.0, _elsewhere(waiting[1:], target))
     anchor = casadi.if_else(fresh, target[:7], waiting[1:])
     waited = casadi.fmin(casadi.if_else(fresh, 0.0, waiting[0]) + period, LONGEST)
     growth = 1.0 + (waited / PATIENCE) ** 2
-    rate = progress / (WORTHWHILE * growth * (square + NEGLIGIBLE))
-    speed = casadi.mmax(casadi.fabs(speeds)) / (SLOW * growth)
-    most = casadi.fmax(casadi.fmax(moving, rate), speed)
+    rate = progress[0] / (WORTHWHILE * growth * (square + NEGLIGIBLE))
+    speed = casadi.mmax(casadi.fabs(speeds)) / (SLOW * growth**2)
+    most = casadi.fmax(casadi.fmax(moving, rate), casadi.if_else(progress[0] > 0.0, speed, 0.0))
     share = casadi.fmin(casadi.fmax(2.0 * most - 1.0, 0.0), 1.0)
     arriving = moving >= 1.0
     share = casadi.if_else(casadi.logic_or(arriving, waited < GRACE), 1.0, share)

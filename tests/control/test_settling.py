@@ -1,10 +1,13 @@
 """An arm that cannot get nearer to a target at rest comes to rest; one that can, goes on."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
+from optsc.collision import CollisionAvoidance
 from optsc.control.servo import Servo, Status
-from optsc.geometry import Pose, rotation
+from optsc.geometry import Pose, TriangleMesh, rotation
 from optsc.kernels.kernel import Kernel
 from optsc.kernels.settling import SettlingSettings, settled
 from optsc.robot import load_robot
@@ -44,8 +47,8 @@ def fastest_after(servo, X, settled, observed):
 )
 def test_at_and_beyond_the_end_of_its_reach_the_arm_comes_to_rest(robot, p):
     servo = Servo(robot, 500.0)
-    # A jump of up to a metre is made up for at half a metre per second; then there are two seconds to come to rest.
-    fastest, command = fastest_after(servo, Pose(servo.X_WT.quaternion, np.array(p)), 4.0, 1.0)
+    # A jump of a metre takes a slow arm three seconds; then there are two to come to rest.
+    fastest, command = fastest_after(servo, Pose(servo.X_WT.quaternion, np.array(p)), 5.0, 0.5)
     assert fastest < 0.01
     said = (Status.UNREACHABLE, Status.LIMITED, Status.SINGULAR)
     assert command.status in ((Status.FOLLOWING,) if np.linalg.norm(command.error) < 1e-3 else said)
@@ -81,7 +84,7 @@ class Tick:
 
     def __init__(self):
         self.kernel = Kernel(settled(load_robot("panda").chain), compiled=False)
-        _, self.wish, self.descent, self.target, self.waiting, interval, self.bound, values = self.kernel.inputs
+        _, self.wish, _, _, self.descent, self.target, self.waiting, interval, self.bound, values = self.kernel.inputs
         interval[:] = [-100.0, 100.0]
         values[SettlingSettings.PERIOD], values[SettlingSettings.SIZE :] = 0.002, 100.0
         self.wish[0] = 1.0
@@ -111,3 +114,31 @@ def test_what_leads_away_from_something_is_given_in_full():
     tick = Tick()
     tick.bound[0] = 1.0
     assert tick.share(0.0, waited=2.0)[0] == 1.0
+
+
+def test_an_arm_that_was_blocked_goes_on_when_the_obstacle_leaves():
+    robot = load_robot("panda")
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    cube = TriangleMesh(0.06 * corners, np.array([[0, 1, 3]]))
+    tool = robot.forward(robot.home)
+    target = Pose(tool.quaternion, tool.translation - [0.0, 0.0, 0.2])
+    avoid = CollisionAvoidance(robot, {"cube": (cube, target)}, table_height=None)
+    servo = Servo(robot, 250.0, avoid=avoid)
+    fastest, command = fastest_after(servo, target, 4.0, 2.0)
+    assert fastest < 0.01
+    assert command.status in (Status.BLOCKED, Status.UNREACHABLE)
+    assert "cube" in command.reason
+    avoid.move("cube", Pose.from_translation([5.0, 5.0, 5.0]))
+    _, command = fastest_after(servo, target, 3.0, 0.1)
+    assert command.status is Status.FOLLOWING
+
+
+def test_over_a_table_the_arm_comes_to_rest_with_few_changes_of_its_status():
+    robot = unhurried("panda")
+    servo = Servo(robot, 500.0, avoid=CollisionAvoidance(robot, {}, 0.0))
+    X = servo.X_WT
+    below = Pose(X.quaternion, np.array([*X.translation[:2], -0.1]))
+    commands = [servo.step(below, servo.time) for _ in range(2000)]
+    assert max(np.abs(c.v).max() for c in commands[1500:]) < 0.01
+    assert sum(a.status is not b.status for a, b in pairwise(commands)) < 30
+    assert "table" in commands[-1].reason

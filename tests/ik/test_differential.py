@@ -60,7 +60,7 @@ def stopping_time(robot, plain, along, v):
 
 def curvature(J, pull, gain, stop):
     lever = np.linalg.norm(J[:3], axis=0).max()
-    return 0.2 * (lever * np.linalg.norm(pull[:3]) + np.linalg.norm(pull[3:])) * (1.0 / gain + 0.5 * stop)
+    return 0.4 * (lever * np.linalg.norm(pull[:3]) + np.linalg.norm(pull[3:])) * (1.0 / gain + stop)
 
 
 def homeward(settings, way):
