@@ -39,6 +39,8 @@ ON_TARGET = (1e-3, 5e-3)
 _CORNERS = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
 BLOCK = 0.08
 """Half the edge of the cube that a target lies in [m]."""
+CLEAR, AWAY = 0.02, np.array([9.0, 9.0, 9.0])
+"""Distance that the arm at home has to the cube at least [m]; where the cube is otherwise."""
 
 FOREIGN: dict[str, tuple[tuple[str, ...], str]] = {
     "j2s6s200": (("kinova_description", "robots", "kinova.urdf"), "j2s6s200_end_effector"),
@@ -138,22 +140,25 @@ def _target(rng: np.random.Generator, robot: RobotModel, kind: str) -> Pose:
 
 
 @lru_cache(maxsize=4)
-def _avoiding(robot: RobotModel) -> tuple[CollisionAvoidance, float]:
-    """Return the avoidance of a table and a cube, and the height of the table [m]."""
+def _avoiding(robot: RobotModel) -> CollisionAvoidance:
+    """Return the avoidance of a table and a cube."""
     height = 0.0
     tool = robot.forward(robot.home).translation[2]
     if tool < 0.1:
         height = float(tool) - 0.15  # an arm that hangs
     cube = TriangleMesh(BLOCK * _CORNERS, np.array([[0, 1, 3]]))
-    return CollisionAvoidance(robot, {"cube": (cube, Pose.from_translation([9.0, 9.0, 9.0]))}, height), height
+    return CollisionAvoidance(robot, {"cube": (cube, Pose.from_translation(AWAY))}, height)
 
 
 def _servo(robot: RobotModel, kind: str, target: Pose) -> Servo:
     if kind != "inside":
         return Servo(robot, RATE)
-    avoid, _ = _avoiding(robot)
-    at_home = np.linalg.norm(target.translation - robot.forward(robot.home).translation) < 0.3
-    avoid.move("cube", Pose.from_translation([9.0, 9.0, 9.0] if at_home else target.translation))
+    avoid = _avoiding(robot)
+    avoid.move("cube", Pose.from_translation(target.translation))
+    distances, _ = avoid.model.distances(robot.home)
+    nearest = min(d for d, pair in zip(distances, avoid.model.pairs, strict=True) if pair.other == "cube")
+    if nearest < CLEAR:  # no arm can leave a cube that its base is in
+        avoid.move("cube", Pose.from_translation(AWAY))
     return Servo(robot, RATE, avoid=avoid)
 
 
