@@ -29,7 +29,7 @@ ACTIVE = 1e-4
 """A row within this rate [m/s] of its bound holds the motion back."""
 LEAST_DELAY = 0.05
 """Delay [s] of arms that ramp their accelerations quickly (tuned here)."""
-RAMPS = 2.0
+RAMPS = 3.0
 """Delay of the others, in units of the time that they take for it (tuned here)."""
 
 

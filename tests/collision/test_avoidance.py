@@ -196,5 +196,5 @@ def test_the_delay_follows_from_how_slowly_the_joints_ramp_up_their_acceleration
     limits = load_robot("panda").limits
     assert AvoidanceSettings().delay_of(limits) == pytest.approx(0.05)
     slow = replace(limits, jerk=limits.acceleration / 0.1)
-    assert AvoidanceSettings().delay_of(slow) == pytest.approx(0.2)
-    assert AvoidanceSettings(delay=0.3).delay_of(slow) == 0.3
+    assert AvoidanceSettings().delay_of(slow) == pytest.approx(0.3)
+    assert AvoidanceSettings(delay=0.1).delay_of(slow) == 0.1
