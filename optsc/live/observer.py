@@ -33,14 +33,14 @@ class Pipe(Protocol):
     def recv(self) -> Any: ...  # noqa: D102
 
 
-class Observation(NamedTuple):
+class SeenObjects(NamedTuple):
     """Poses of the objects (K, 7) and the configuration (n,) [rad] that their grasps were solved from."""
 
     poses: Array
     q: Array
 
 
-def solved(scene: LiveScene, selector: GraspSelector, seen: Observation) -> SolvedUpdate:
+def solved(scene: LiveScene, selector: GraspSelector, seen: SeenObjects) -> SolvedUpdate:
     """Return the grasps of a scene where its objects are seen, with their reach table: the same bytes everywhere."""
     update = scene.seen(seen.poses)
     return SolvedUpdate(*update, selector.solver.table(update.candidates, seen.q, clear=update.clear, known=None))
@@ -60,13 +60,13 @@ class Lookout:
 
     def __init__(self, scene: LiveScene, pipe: Pipe) -> None:
         self._scene, self._pipe = scene, pipe
-        self._asked: Observation | None = None
+        self._asked: SeenObjects | None = None
         self.count = 0
         self.begin_again()
 
     def begin_again(self) -> None:
         """The objects are where they were at the start; what was asked for before is of no use any more."""
-        self.seen = Observation(self._scene.poses, self._scene.robot.home.copy())
+        self.seen = SeenObjects(self._scene.poses, self._scene.robot.home.copy())
         self._last = self.seen.poses
         self._stale = self._asked is not None
 
@@ -79,10 +79,10 @@ class Lookout:
             return
         quiet = controller.mode in _HANDS_OFF and controller.state.held is None
         if quiet and _apart(poses, self.seen.poses, MOVED) and not _apart(poses, last, STILL):
-            self._asked = Observation(poses.copy(), controller.servo.guard.q.copy())
+            self._asked = SeenObjects(poses.copy(), controller.servo.guard.q.copy())
             self._pipe.send(self._asked)
 
-    def _answered(self, controller: SharedController, asked: Observation, parts: dict[str, Any], poses: Array) -> None:
+    def _answered(self, controller: SharedController, asked: SeenObjects, parts: dict[str, Any], poses: Array) -> None:
         self._asked, stale, self._stale = None, self._stale, False
         if stale or controller.mode not in _HANDS_OFF or _apart(poses, asked.poses, MOVED):
             return  # things have moved on since; the next look asks again
@@ -95,7 +95,7 @@ def run_observer(say_ready: Callable[[Any], None], choice: SceneChoice, pipe: Pi
     """Answer until the session ends: the fields of a reach table for each observation that is asked for."""
     scene = LiveScene(choice)
     selector = scene.controller(LiveSettings()).selector
-    solved(scene, selector, Observation(scene.poses, scene.robot.home))  # what has to be compiled is compiled now
+    solved(scene, selector, SeenObjects(scene.poses, scene.robot.home))  # what has to be compiled is compiled now
     say_ready(None)
     while True:
         pipe.send(parts_of(solved(scene, selector, pipe.recv()).table))

@@ -11,7 +11,7 @@ from optsc.geometry import Pose
 from optsc.geometry.rotation import Array
 from optsc.live.layout import POSE
 from optsc.live.loop import apply_settings
-from optsc.live.observer import Observation, solved
+from optsc.live.observer import SeenObjects, solved
 from optsc.live.run_folder import RunFolder
 from optsc.live.scene import LiveScene
 from optsc.live.settings_block import COLUMNS as SETTINGS
@@ -52,7 +52,7 @@ def rerun(folder: RunFolder) -> Rerun:
             expected = 1
         count, poses, q = columns.seen(i)
         if count > observations:
-            controller.observe(*solved(scene, controller.selector, Observation(poses, q)))
+            controller.observe(*solved(scene, controller.selector, SeenObjects(poses, q)))
             observations = count
         if number != expected:
             return Rerun(ticks, differing, len(columns.tick) - ticks)

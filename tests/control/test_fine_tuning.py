@@ -292,9 +292,11 @@ def test_settings_out_of_range_of_fine_tuning_are_refused(bad):
         FineTuning(**bad)
 
 
-def test_a_nudge_that_is_no_nudge_is_a_fault(robot):
+def test_a_nudge_that_is_no_nudge_is_skipped_and_shifts_nothing(robot):
     loop = going(robot)
-    step = loop.tick(OperatorSample(loop.time, loop.hand, nudge=(0, 0, 0, 0, 0, np.nan)))
-    assert step.event is Event.FAULT
-    assert "nudge" in step.reason
-    assert loop.controller.mode is Mode.HOLD
+    target = loop.controller.state.target
+    loop.tick(OperatorSample(loop.time, loop.hand, nudge=(0, 0, 0, 0, 0, np.nan)))
+    loop.go(0.05)
+    assert loop.controller.mode is Mode.APPROACH
+    assert loop.controller.state.target is target
+    assert "nudge" in loop.controller.state.monitor.counts.reason

@@ -96,7 +96,7 @@ def test_who_has_stepped_in_is_not_overruled_but_may_hand_over(robot):
 def test_after_a_halt_the_robot_begins_anew_when_the_operator_has_let_it_go_on(robot):
     loop = Loop(robot, scene(TWO), arbitration=Automatic(dwell=0.1))
     loop.go(0.3)
-    loop.tick(OperatorSample(loop.time, Pose(np.full(4, np.nan), np.zeros(3))))
+    loop.tick(OperatorSample(loop.time, loop.hand, lost=True))
     loop.go(0.3)
     assert loop.controller.mode is Mode.HOLD
     loop.go(0.02, clutch=False)
@@ -107,7 +107,7 @@ def test_after_a_halt_the_robot_begins_anew_when_the_operator_has_let_it_go_on(r
 def test_what_was_meant_during_a_halt_does_not_count(robot):
     loop = Loop(robot, scene(TWO), arbitration=Automatic(dwell=0.5))
     loop.go(0.2)
-    loop.tick(OperatorSample(loop.time, Pose(np.full(4, np.nan), np.zeros(3))))
+    loop.tick(OperatorSample(loop.time, loop.hand, lost=True))
     loop.go(0.8)
     assert loop.controller.mode is Mode.HOLD
     loop.go(0.02, clutch=False)

@@ -155,7 +155,7 @@ def test_the_robot_does_not_drive_on_to_what_is_no_longer_there(controller, obse
     done = run(
         controller,
         operator=reaching(),
-        follower=IdealFollower(world.robot, world.X_WO),
+        follower=IdealFollower(world.robot, world.X_WO, scene.candidates),
         candidates=scene.candidates,
         clear=scene.clear,
         watch=watch,

@@ -201,14 +201,14 @@ def test_every_command_has_a_help_that_shows_an_example(command, capsys):
     assert f"example: optsc {' '.join(command)}" in " ".join(capsys.readouterr().out.split())
 
 
-def test_two_policies_are_compared_on_the_same_case(tmp_path):
-    arguments = ["study", "arbitration", "--scenes", "1", "--objects", "2", "--seed", "2", "--workers", "0"]
+def test_two_policies_are_compared_on_the_same_cases(tmp_path):
+    arguments = ["study", "arbitration", "--scenes", "3", "--objects", "2", "--seed", "2", "--workers", "0"]
     arguments += ["--policies", "alternating", "manual", "--output", str(tmp_path)]
     assert main(arguments) == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert set(summary["policies"]) == {"alternating", "manual"}
     alternating = summary["policies"]["alternating"]
-    assert alternating["cases"] == 1
+    assert alternating["cases"] == 3
     assert 0.0 < alternating["grasp_s"][0] < 30.0
     # A command that does not step: what is left is the motion of a tick.
     assert alternating["jump_position_m"][0] < 2e-3

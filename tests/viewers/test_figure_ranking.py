@@ -14,7 +14,13 @@ from optsc.viewers.figure_ranking import ranking_figure
 def ranking():
     rng = np.random.default_rng(12)
     candidates = random_candidates(rng, counts=(40, 60, 1))
-    one = GraspSelector(type("Arm", (), {"n": JOINTS}), Cascade.paper(), object(), solve=no_solutions, refresh_limit=0)
+    one = GraspSelector(
+        type("Arm", (), {"n": JOINTS, "endless": np.zeros(JOINTS, dtype=bool)}),
+        Cascade.paper(),
+        object(),
+        solve=no_solutions,
+        refresh_limit=0,
+    )
     one.use(random_table(rng, candidates, reachable=0.5))
     return one.rank(random_hand(rng), np.zeros(JOINTS))
 
