@@ -10,12 +10,21 @@ from optsc.viewers.drawing import save_figure
 from optsc.viewers.figure_ranking import ranking_figure
 
 
+class Arm:
+    """An arm without kinematics, whose joints do not turn endlessly."""
+
+    n, endless = JOINTS, np.zeros(JOINTS, dtype=bool)
+
+    def difference(self, q_to, q_from):
+        return np.asarray(q_to) - np.asarray(q_from)
+
+
 @pytest.fixture
 def ranking():
     rng = np.random.default_rng(12)
     candidates = random_candidates(rng, counts=(40, 60, 1))
     one = GraspSelector(
-        type("Arm", (), {"n": JOINTS, "endless": np.zeros(JOINTS, dtype=bool)}),
+        Arm(),
         Cascade.paper(),
         object(),
         solve=no_solutions,
