@@ -72,12 +72,18 @@ class Page:
         self.wait_for(f"optsc.moment && optsc.moment.time > {self.ask('optsc.moment.time')} + {duration}")
 
     def grab(self):
-        """Press the mouse on the ball and return where that is [pixels]."""
-        at = self.ask("optsc.view.onScreen(optsc.handle.group.position.toArray())")
-        self.page.mouse.move(at["x"], at["y"])
-        self.page.mouse.down()
-        self.wait_for("optsc.hand.source === 'mouse'")
-        return at["x"], at["y"]
+        """Press the mouse on the ball, which may still be on its way to the tool; return where that is [pixels]."""
+        end = time.monotonic() + PATIENCE
+        while True:
+            at = self.ask("optsc.view.onScreen(optsc.handle.group.position.toArray())")
+            self.page.mouse.move(at["x"], at["y"])
+            self.page.mouse.down()
+            self.page.wait_for_timeout(60)
+            if self.ask("optsc.hand.source === 'mouse'"):
+                return at["x"], at["y"]
+            assert time.monotonic() < end, f"the ball cannot be taken; {self.now()}"
+            self.page.mouse.up()
+            self.page.wait_for_timeout(60)
 
     def drag(self, x, y, steps=8):
         """Move the held ball by pixels; return where the mouse is then."""

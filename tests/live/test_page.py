@@ -98,7 +98,7 @@ def test_the_robot_grasps_and_lifts_on_a_press_of_the_trigger(page):
     page.page.mouse.up()
     page.page.keyboard.press("Space")
     page.wait_for("optsc.moment.mode === 'approach'")
-    assert page.page.inner_text("#mode").startswith("Robot goes to the ")
+    page.wait_for("document.getElementById('mode').textContent.startsWith('Robot goes to the ')")
     page.wait_for("optsc.moment.mode === 'carry'")
     page.wait_for("document.getElementById('mode').textContent.endsWith('is lifted')")
 
@@ -126,6 +126,7 @@ def test_one_short_press_among_many_samples_is_not_lost(page):
     for mode in ("approach", "manual", "approach", "manual"):
         page.page.keyboard.press("Space")
         page.wait_for(f"optsc.moment.mode === '{mode}'")
+        page.let_run(0.2)  # presses that are closer together count as one
     page.page.mouse.up()
 
 
@@ -152,7 +153,7 @@ def test_the_scale_changes_how_far_the_arm_goes_for_the_hand(page):
     page.wait_for("optsc.moment.mode === 'manual'")
     page.wait_for("optsc.hand.position.distanceTo(optsc.hand.goal.position) < 1e-4")
     page.wait_for(f"Math.abs(optsc.moment.of('target')[2] - {before[2]}) > 0.01")
-    page.wait_for("optsc.moment.status === 'following' && Math.hypot(...optsc.moment.of('error').slice(0, 3)) < 1e-3")
+    page.wait_for("Math.hypot(...optsc.moment.of('error').slice(0, 3)) < 1e-3")
     hand = page.ask("optsc.hand.position.distanceTo(optsc.hand.start.hand)")
     assert distance(page.tool, before) == pytest.approx(0.5 * hand, abs=0.012)
     page.page.mouse.up()
