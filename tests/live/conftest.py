@@ -2,20 +2,16 @@
 
 import os
 import shutil
-import time
-from contextlib import contextmanager
 
 import pytest
+from live_pages import SCENE, begin_again, opened
 
 from optsc.live.access import Access
 from optsc.live.live_session import LiveSession
-from optsc.live.scene import LiveScene, SceneChoice
+from optsc.live.scene import LiveScene
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PATIENCE = 60.0
-"""How long anything may take on a machine that does other things too [s]; nothing is asserted about time."""
-SCENE = SceneChoice(follower="ideal", timeout=2.0)
 
 
 @pytest.fixture(scope="session")
@@ -28,9 +24,9 @@ def browser():
         pytest.skip(reason)
     playwright = pytest.importorskip("playwright.sync_api")
     with playwright.sync_playwright() as driver:
-        opened = driver.chromium.launch(executable_path=path, args=ARGUMENTS)
-        yield opened
-        opened.close()
+        launched = driver.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield launched
+        launched.close()
 
 
 @pytest.fixture(scope="module")
@@ -39,86 +35,9 @@ def session():
         yield running
 
 
-class Page:
-    """A page that is open, with what a person sees and does there."""
-
-    def __init__(self, page):
-        self.page, self.problems = page, []
-        page.on("pageerror", lambda error: self.problems.append(str(error)))
-        page.set_default_timeout(PATIENCE * 1000)
-
-    def ask(self, expression):
-        return self.page.evaluate(expression)
-
-    def wait_for(self, expression):
-        end = time.monotonic() + PATIENCE
-        while not self.ask(expression):
-            assert time.monotonic() < end, f"never came true: {expression}; {self.now()}"
-            self.page.wait_for_timeout(30)
-
-    def now(self):
-        return self.ask("optsc.moment && [optsc.moment.mode, optsc.moment.status, optsc.moment.reason]")
-
-    @property
-    def mode(self):
-        return self.ask("optsc.moment.mode")
-
-    @property
-    def tool(self):
-        return self.ask("Array.from(optsc.moment.of('target'))")[:3]
-
-    def let_run(self, duration):
-        """Wait for a duration [s] of the arm's own time, which is less than the clock's on a loaded machine."""
-        self.wait_for(f"optsc.moment && optsc.moment.time > {self.ask('optsc.moment.time')} + {duration}")
-
-    def grab(self):
-        """Press the mouse on the ball, which may still be on its way to the tool; return where that is [pixels]."""
-        end = time.monotonic() + PATIENCE
-        while True:
-            at = self.ask("optsc.view.onScreen(optsc.handle.group.position.toArray())")
-            self.page.mouse.move(at["x"], at["y"])
-            self.page.mouse.down()
-            self.page.wait_for_timeout(60)
-            if self.ask("optsc.hand.source === 'mouse'"):
-                return at["x"], at["y"]
-            assert time.monotonic() < end, f"the ball cannot be taken; {self.now()}"
-            self.page.mouse.up()
-            self.page.wait_for_timeout(60)
-
-    def drag(self, x, y, steps=8):
-        """Move the held ball by pixels; return where the mouse is then."""
-        left, top = self.grab()
-        for k in range(1, steps + 1):
-            self.page.mouse.move(left + x * k / steps, top + y * k / steps)
-            self.page.wait_for_timeout(20)
-
-
-@contextmanager
-def opened(browser, address, ready=True, wear=None, **options):
-    """Open a page; ``wear`` is a script that runs in it before its own."""
-    context = browser.new_context(viewport={"width": 960, "height": 640}, **options)
-    if wear is not None:
-        context.add_init_script(wear)
-    page = Page(context.new_page())
-    try:
-        page.page.goto(address)
-        if ready:
-            page.wait_for("Boolean(window.optsc && optsc.moment)")
-        yield page
-        assert page.problems == []
-    finally:
-        context.close()
-
-
 @pytest.fixture
 def page(browser, session):
     with opened(browser, f"{session.access.address}?light") as shown:
         shown.wait_for("optsc.hand.drives")
         begin_again(shown)
         yield shown
-
-
-def begin_again(page):
-    count = page.ask("optsc.panel.values.restarts")
-    page.page.click("[data-action=AGAIN]")
-    page.wait_for(f"optsc.moment.settings.restarts > {count} && optsc.moment.mode === 'hold'")

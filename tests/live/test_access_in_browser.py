@@ -5,7 +5,7 @@ import signal
 import time
 
 import pytest
-from conftest import PATIENCE, SCENE, opened
+from live_pages import PATIENCE, SCENE, opened
 
 from optsc.errors import InvalidValue
 from optsc.live.access import Access

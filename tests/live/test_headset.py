@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import begin_again, opened
+from live_pages import begin_again, opened
 
 IWER = Path(__file__).parent / "vendor" / "iwer.min.js"
 WEAR = """

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import opened
+from live_pages import opened
 
 STUB_PAD = """() => {
   const buttons = Array.from({length: 17}, () => ({value: 0, pressed: false}));

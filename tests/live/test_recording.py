@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import PATIENCE, opened
+from live_pages import PATIENCE, opened
 
 import optsc.cli
 from optsc.errors import DamagedFile
